@@ -1,0 +1,95 @@
+"""One check of array arguments, with one wording of what is wrong."""
+
+import re
+
+import numpy as np
+
+
+def arrays(**named: tuple) -> list[np.ndarray]:
+    """Convert arguments to arrays and check their shapes against each other.
+
+    Parameters
+    ----------
+    **named : tuple
+        For each argument its value, its shape in letters and, for indices, ``int``: ``V=(V, "n d")``,
+        ``B=(B, "b d+1 d+1")``, ``F=(F, "m d", int)``. A letter stands for one size everywhere in the call; a letter
+        followed by a number adds it; a number stands for itself; a leading ``...`` takes any dimensions.
+        The letter d must come out as 2 or 3.
+
+    Returns
+    -------
+    values : list of arrays
+        In the order given: float64, or int64 where ``int`` was asked for.
+
+    Raises
+    ------
+    ValueError
+        If a value is not numeric, a shape disagrees, an index array holds fractions or a number is not finite.
+
+    Examples
+    --------
+    >>> arrays(V=([[0, 0], [1, 0]], "n d"), W=([[1], [1], [1]], "n b"))
+    Traceback (most recent call last):
+    ValueError: W must be (n, b) = (2, b), got (3, 1)
+    """
+    sizes: dict[str, int] = {}
+    return [_array(name, *spec, sizes=sizes) for name, spec in named.items()]
+
+
+def check_indices(name: str, indices: np.ndarray, size: int, of: str) -> None:
+    """Check that every index lies in 0 .. size-1.
+
+    Raises
+    ------
+    ValueError
+        Naming the first row at fault.
+    """
+    bad = np.flatnonzero(((indices < 0) | (indices >= size)).reshape(len(indices), -1).any(axis=1))
+    if len(bad):
+        raise ValueError(f"{name}[{bad[0]}] = {indices[bad[0]].tolist()} does not index the {size} {of}")
+
+
+def _array(name: str, value: object, letters: str, kind: type = float, *, sizes: dict[str, int]) -> np.ndarray:
+    try:
+        array = np.asarray(value)
+        converted = array.astype(np.int64 if kind is int else np.float64, copy=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}: {error}") from None
+    if kind is int and not np.array_equal(converted, array):
+        raise ValueError(f"{name} must hold whole numbers")
+    terms = letters.split()
+    leading = terms[0] == "..."
+    shape = array.shape
+    if leading:
+        terms = terms[1:]
+        shape = shape[len(shape) - len(terms) :] if len(shape) >= len(terms) else ()
+    fits = len(shape) == len(terms)
+    for term, size in zip(terms, shape, strict=False):
+        fits = fits and _size(term, size, sizes) == size
+    if not fits:
+        dots = ["..."] if leading else []
+        wanted = ", ".join(dots + terms) + ("," if len(dots + terms) == 1 else "")
+        known = ", ".join(dots + [str(_size(term, None, sizes) or term) for term in terms])
+        known += "," if len(dots + terms) == 1 else ""
+        equal = "" if known == wanted else f" = ({known})"
+        raise ValueError(f"{name} must be ({wanted}){equal}, got {array.shape}")
+    if sizes.get("d", 2) not in (2, 3):
+        raise ValueError(f"{name} has d = {sizes['d']}; d must be 2 or 3")
+    if not np.isfinite(converted).all():
+        where = np.argwhere(~np.isfinite(converted))[0].tolist()
+        raise ValueError(f"{name}{where} is {converted[tuple(where)]}; every number must be finite")
+    return converted
+
+
+def _size(term: str, size: int | None, sizes: dict[str, int]) -> int | None:
+    """The size that a term stands for; a letter met for the first time takes the size given."""
+    match = re.fullmatch(r"([a-z]?)\+?(\d*)", term)
+    assert match, f"cannot read the shape {term!r}"
+    letter, number = match[1], int(match[2] or 0)
+    if not letter:
+        return number
+    if letter not in sizes:
+        if size is None:
+            return None
+        sizes[letter] = size - number
+    return sizes[letter] + number
