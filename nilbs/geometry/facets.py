@@ -1,0 +1,160 @@
+"""Facets of a surface: edges in two dimensions, triangles in three."""
+
+import numpy as np
+
+from nilbs.geometry.validation import arrays, check_indices
+
+
+def facet_areas(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Area of every triangle, or length of every edge.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices, in mesh units; d is 2 or 3.
+    F : (m, d) int array
+        Facets, indices into V.
+
+    Returns
+    -------
+    area : (m,) float array
+        In mesh units to the power d - 1.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or F indexes a missing vertex.
+
+    Examples
+    --------
+    >>> facet_areas([[0, 0, 0], [2, 0, 0], [0, 3, 0]], [[0, 1, 2]])
+    array([3.])
+    >>> facet_areas([[0, 0], [3, 4]], [[0, 1]])
+    array([5.])
+    """
+    V, F = _surface(V, F)
+    normal = _scaled_normals(V, F)
+    return np.linalg.norm(normal, axis=1) / (V.shape[1] - 1)
+
+
+def facet_normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Outward unit normal of every facet.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices; d is 2 or 3.
+    F : (m, d) int array
+        Facets: triangles counter-clockwise seen from outside, or edges with the inside on their left.
+
+    Returns
+    -------
+    normal : (m, d) float array
+        Unit vectors; zero where a facet has no area.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or F indexes a missing vertex.
+
+    Examples
+    --------
+    >>> facet_normals([[0, 0], [2, 0]], [[0, 1]])
+    array([[ 0., -1.]])
+    """
+    V, F = _surface(V, F)
+    normal = _scaled_normals(V, F)
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0) + 0.0
+
+
+def components(F: np.ndarray, n: int) -> int:
+    """Count of connected pieces of a surface.
+
+    Parameters
+    ----------
+    F : (m, d) int array
+        Facets, indices into n vertices; d is 2 or 3.
+    n : int
+        Number of vertices.
+
+    Returns
+    -------
+    count : int
+        Two facets that share a vertex are in one piece. A vertex that no facet uses is no piece.
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong or F indexes a missing vertex.
+
+    Examples
+    --------
+    >>> components([[0, 1], [1, 2], [3, 4]], 6)
+    2
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    (F,) = arrays(F=(F, "m d", int))
+    check_indices("F", F, n, "vertices")
+    start = np.repeat(F[:, 0], F.shape[1] - 1)
+    end = F[:, 1:].ravel()
+    graph = coo_array((np.ones(len(start), dtype=np.int8), (start, end)), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    return len(np.unique(label[F[:, 0]]))
+
+
+def is_watertight(F: np.ndarray) -> bool:
+    """Whether a surface is closed, manifold along its edges and consistently oriented.
+
+    Parameters
+    ----------
+    F : (m, d) int array
+        Facets, vertex indices; d is 2 or 3.
+
+    Returns
+    -------
+    watertight : bool
+        In 3D: every edge of a triangle runs once in each direction. In 2D: every vertex ends one edge and starts one.
+        Vertices count as the same by index, not by place. No facets at all leave no hole: True.
+
+    Raises
+    ------
+    ValueError
+        If the shape is wrong or an index is negative.
+
+    Examples
+    --------
+    >>> is_watertight([[0, 1], [1, 2], [2, 0]])
+    True
+    >>> is_watertight([[0, 1, 2]])
+    False
+    """
+    (F,) = arrays(F=(F, "m d", int))
+    n = int(F.max(initial=-1)) + 1
+    check_indices("F", F, n, "vertices")
+    if F.shape[1] == 2:
+        # A boundary of an edge is its two end points: one enters, one leaves.
+        start, end = F[:, 0], F[:, 1]
+        repeated = bool((start == end).any())
+    else:
+        tail, head = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]).T
+        start, end = tail * n + head, head * n + tail
+        repeated = bool((tail == head).any())
+    start, end = np.sort(start), np.sort(end)
+    return not repeated and np.array_equal(start, end) and bool((np.diff(start) > 0).all())
+
+
+def _surface(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
+    check_indices("F", F, len(V), "vertices")
+    return V, F
+
+
+def _scaled_normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Outward normals, as long as an edge or as twice a triangle's area."""
+    if V.shape[1] == 2:
+        edge = V[F[:, 1]] - V[F[:, 0]]
+        return np.stack([edge[:, 1], -edge[:, 0]], axis=1)
+    return np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]])

@@ -1,0 +1,199 @@
+"""Regular grids of nodes with one spacing, in two and three dimensions."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from nilbs.geometry.validation import arrays
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Nodes at ``origin + spacing * index``; the last index runs fastest ("ij" order).
+
+    Parameters
+    ----------
+    origin : (d,) float array
+        The node of index 0, in mesh units; d is 2 or 3.
+    spacing : float
+        Edge of a cell, in mesh units; positive.
+    shape : tuple of d ints
+        Number of nodes along each axis, at least 1.
+
+    Raises
+    ------
+    ValueError
+        If d is neither 2 nor 3, the spacing is not positive or the shape does not fit.
+
+    Examples
+    --------
+    >>> grid = Grid([0.0, 0.0], 0.5, (2, 3))
+    >>> grid.points()[:4].tolist()
+    [[0.0, 0.0], [0.0, 0.5], [0.0, 1.0], [0.5, 0.0]]
+    >>> grid.upper
+    array([0.5, 1. ])
+    """
+
+    origin: np.ndarray
+    spacing: float
+    shape: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        (origin,) = arrays(origin=(self.origin, "d"))
+        shape = tuple(int(size) for size in self.shape)
+        if len(shape) != len(origin) or min(shape) < 1:
+            raise ValueError(f"shape must hold d = {len(origin)} positive numbers, got {self.shape}")
+        if not (np.isfinite(self.spacing) and self.spacing > 0):
+            raise ValueError(f"spacing must be positive, got {self.spacing}")
+        # A frozen dataclass is filled in by its own __setattr__'s parent.
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "spacing", float(self.spacing))
+        object.__setattr__(self, "shape", shape)
+
+    @classmethod
+    def cube(cls, V: np.ndarray, resolution: int, *, scale: float = 1.1) -> "Grid":
+        """The cube (in 2D the square) around a bounding box.
+
+        Parameters
+        ----------
+        V : (n, d) float array
+            Points, in mesh units, n at least 1.
+        resolution : int
+            Number of cells along each edge; ``resolution + 1`` nodes.
+        scale : float, optional
+            Edge of the cube, in longest edges of the bounding box of V.
+
+        Returns
+        -------
+        grid : Grid
+            Centred on the bounding box.
+
+        Raises
+        ------
+        ValueError
+            If V is empty or all its points coincide, or the resolution or the scale is not positive.
+
+        Examples
+        --------
+        >>> Grid.cube([[0, 0], [2, 1]], 4, scale=2.0)
+        Grid(origin=array([-1. , -1.5]), spacing=1.0, shape=(5, 5))
+        """
+        lower, upper, longest = _bounding_box(V)
+        _check_resolution(resolution)
+        edge = scale * longest
+        return cls((lower + upper) / 2 - edge / 2, edge / resolution, (resolution + 1,) * len(lower))
+
+    @classmethod
+    def box(cls, V: np.ndarray, resolution: int, *, pad: float = 0.05) -> "Grid":
+        """The padded bounding box, cut into cubic cells.
+
+        Parameters
+        ----------
+        V : (n, d) float array
+            Points, in mesh units, n at least 1.
+        resolution : int
+            Number of cells along the longest edge of the padded box; the shorter edges take fewer, rounded up.
+        pad : float, optional
+            Margin on every side, in longest edges of the bounding box of V.
+
+        Returns
+        -------
+        grid : Grid
+            Centred on the bounding box; it covers the padded box.
+
+        Raises
+        ------
+        ValueError
+            If V is empty or all its points coincide, the resolution is not positive or pad is negative.
+
+        Examples
+        --------
+        >>> Grid.box([[0, 0], [2, 1]], 4, pad=0.0)
+        Grid(origin=array([0., 0.]), spacing=0.5, shape=(5, 3))
+        """
+        lower, upper, longest = _bounding_box(V)
+        _check_resolution(resolution)
+        if pad < 0:
+            raise ValueError(f"pad must not be negative, got {pad}")
+        spacing = longest * (1 + 2 * pad) / resolution
+        edges = upper - lower + 2 * pad * longest
+        # Without the tolerance a rounding error in the longest edge would add a cell.
+        cells = np.maximum(np.ceil(edges / spacing - 1e-9), 1).astype(int)
+        return cls((lower + upper) / 2 - spacing * cells / 2, spacing, tuple(int(count) + 1 for count in cells))
+
+    @property
+    def lower(self) -> np.ndarray:
+        """(d,) float array: the first node, in mesh units."""
+        return self.origin
+
+    @property
+    def upper(self) -> np.ndarray:
+        """(d,) float array: the last node, in mesh units."""
+        return self.origin + self.spacing * (np.array(self.shape) - 1)
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return int(np.prod(self.shape))
+
+    def points(self) -> np.ndarray:
+        """All nodes.
+
+        Returns
+        -------
+        x : (size, d) float array
+            In mesh units; ``values.reshape(grid.shape)`` gives values at these points their place.
+        """
+        return self._nodes(0, self.size)
+
+    def chunks(self, size: int) -> Iterator[tuple[slice, np.ndarray]]:
+        """All nodes in pieces, so that memory stays bounded.
+
+        Parameters
+        ----------
+        size : int
+            Number of nodes in a piece; the last may hold fewer.
+
+        Yields
+        ------
+        part : slice
+            Place of the piece among :meth:`points`.
+        x : (at most size, d) float array
+            The nodes, in mesh units.
+
+        Raises
+        ------
+        ValueError
+            If size is not positive.
+
+        Examples
+        --------
+        >>> [part for part, x in Grid([0.0, 0.0], 1.0, (2, 3)).chunks(4)]
+        [slice(0, 4, None), slice(4, 6, None)]
+        """
+        if size < 1:
+            raise ValueError(f"size must be positive, got {size}")
+        for start in range(0, self.size, size):
+            stop = min(start + size, self.size)
+            yield slice(start, stop), self._nodes(start, stop)
+
+    def _nodes(self, start: int, stop: int) -> np.ndarray:
+        index = np.unravel_index(np.arange(start, stop), self.shape)
+        return self.origin + self.spacing * np.stack(index, axis=1)
+
+
+def _bounding_box(V: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    (V,) = arrays(V=(V, "n d"))
+    if not len(V):
+        raise ValueError("V is empty: it has no bounding box")
+    lower, upper = V.min(axis=0), V.max(axis=0)
+    longest = float((upper - lower).max())
+    if longest == 0:
+        raise ValueError("all points of V coincide: its bounding box has no extent")
+    return lower, upper, longest
+
+
+def _check_resolution(resolution: int) -> None:
+    if resolution < 1:
+        raise ValueError(f"resolution must be at least 1, got {resolution}")
