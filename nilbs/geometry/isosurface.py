@@ -104,5 +104,5 @@ def _marching_cubes(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     # Scaled into the range of single precision, in which scikit-image computes.
     height = (height / np.abs(height).max()).astype(np.float32)
-    index, F, _, _ = marching_cubes(height, 0.0, gradient_direction="ascent")
+    index, F, _, _ = marching_cubes(height, 0.0, gradient_direction="descent")
     return index.astype(np.float64), F.astype(np.int64)
