@@ -223,11 +223,8 @@ def _fill(outline: np.ndarray, *, also: np.ndarray) -> tuple[np.ndarray, np.ndar
         grid = grid[cKDTree(also).query(grid)[0] > 0.7 * spacing]
 
     V = np.concatenate([outline, also, grid])
-    T = Delaunay(V).simplices.astype(np.int64)
+    T = Delaunay(V).simplices.astype(np.int64)  # in the plane, SciPy orients them counter-clockwise
     T = T[occupancy(outline, edges, V[T].mean(axis=1))]
-    first, second = V[T[:, 1]] - V[T[:, 0]], V[T[:, 2]] - V[T[:, 0]]
-    clockwise = first[:, 0] * second[:, 1] < first[:, 1] * second[:, 0]
-    T[clockwise] = T[clockwise][:, ::-1]
     present = {tuple(edge) for edge in T[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()}
     missing = [edge for edge in edges.tolist() if tuple(edge) not in present]
     assert not missing, f"the triangulation lacks {len(missing)} edges of the outline"
