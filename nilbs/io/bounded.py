@@ -1,0 +1,68 @@
+"""The contents of a file, never more than a fixed size of them."""
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import BinaryIO
+
+from nilbs.io.errors import FileFormatError
+
+SIZE_LIMIT = 2**31  # bytes; a larger file is refused before it is read
+LINE_LIMIT = 2**20  # bytes; longer than any line of a file of text that we read
+_BLOCK = 2**22  # bytes of lines held at a time: the words of a block take some twenty times its size
+
+
+def file_bytes(path: str | os.PathLike) -> bytes:
+    """Return all bytes of a file.
+
+    Raises
+    ------
+    FileFormatError
+        If it is empty, larger than 2 GiB or no regular file.
+    OSError
+        If it cannot be opened or read.
+    """
+    with _opened(path) as file:
+        return file.read(SIZE_LIMIT)
+
+
+def line_blocks(path: str | os.PathLike) -> Iterator[tuple[int, list[bytes]]]:
+    """Iterate over the lines of a text file, a few megabytes at a time.
+
+    Yields
+    ------
+    first : int
+        The number, from 1, of the first line of the block.
+    lines : list of bytes
+        With their line ends.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is empty, too large, no regular file, or holds a NUL byte or an endless line: then it is no text.
+    OSError
+        If it cannot be opened or read.
+    """
+    first = 1
+    with _opened(path) as file:
+        while lines := file.readlines(_BLOCK):
+            for number, line in enumerate(lines, first):
+                if len(line) > LINE_LIMIT or b"\0" in line:
+                    raise FileFormatError(path, "binary data where text was expected", number)
+            yield first, lines
+            first += len(lines)
+
+
+@contextmanager
+def _opened(path: str | os.PathLike) -> Iterator[BinaryIO]:
+    # Asked before opening: to open a named pipe would wait for ever.
+    if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
+        raise FileFormatError(path, "this is not a regular file")
+    with open(path, "rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > SIZE_LIMIT:
+            raise FileFormatError(path, f"the file is larger than {SIZE_LIMIT >> 30} GiB")
+        if size == 0:
+            raise FileFormatError(path, "the file is empty")
+        yield file

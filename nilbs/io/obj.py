@@ -1,0 +1,136 @@
+"""Wavefront OBJ: vertices in the file's order and number, whatever textures and groups stand beside them."""
+
+import os
+import re
+
+import numpy as np
+
+from nilbs.io.bounded import line_blocks
+from nilbs.io.errors import FileFormatError
+from nilbs.io.polygons import Elements, MeshFile
+
+# x y z, then a weight, a colour or both: never used.
+_VERTEX_LENGTHS = (4, 5, 7, 8)
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_INDEX = re.compile(rb"[+-]?\d{1,18}(/.*)?")
+
+
+def read_obj(path: str | os.PathLike) -> MeshFile:
+    r"""Read vertices, faces and line elements of an OBJ file.
+
+    Corners may be written `v`, `v/vt`, `v//vn` or `v/vt/vn`, with negative indices counting back from the last vertex.
+    Groups, materials, textures and normals are left out; an unused vertex stays.
+
+    Raises
+    ------
+    FileFormatError
+        With the line, if a vertex has no three finite coordinates or an index is not a whole number from 1 or below 0.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "triangle.obj"
+    >>> _ = path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1//1 2//1 -1//1\n")
+    >>> read_obj(path).faces.corners
+    array([0, 1, 2])
+    """
+    blocks: list[np.ndarray] = [np.zeros((0, 3))]
+    faces, edges = _Corners(path), _Corners(path)
+    n = 0
+    carried: list[bytes] = []
+    for first, lines in line_blocks(path):
+        words_of: list[bytes] = []
+        at: list[int] = []
+        for number, line in enumerate(lines, first):
+            words = line.split()
+            if carried:
+                words, carried = carried + words, []
+            if not words:
+                continue
+            kind = words[0]
+            if kind not in (b"v", b"f", b"l"):
+                continue
+            if words[-1].endswith(b"\\"):  # the statement goes on in the next line
+                carried = [*words[:-1], words[-1][:-1]] if words[-1] != b"\\" else words[:-1]
+                continue
+            if b"#" in line:
+                words = b" ".join(words).partition(b"#")[0].split()
+            if kind == b"v":
+                if len(words) not in _VERTEX_LENGTHS:
+                    raise FileFormatError(path, f"a vertex needs three coordinates, got {len(words) - 1}", number)
+                words_of += words[1:4]
+                at.append(number)
+            elif kind == b"f":
+                faces.add(words[1:], number, n + len(at))
+            else:  # a polyline is its edges
+                for start in range(1, max(len(words) - 1, 2)):
+                    edges.add(words[start : start + 2], number, n + len(at))
+        V = _coordinates(path, words_of, at)
+        n += len(V)
+        blocks.append(V)
+        faces.convert()
+        edges.convert()
+    if carried:
+        raise FileFormatError(path, "the file ends in the middle of a statement")
+    return MeshFile(path, np.concatenate(blocks), faces.elements(), edges.elements(), first=1)
+
+
+class _Corners:
+    """The corners of faces or lines: words first, then, block by block, indices."""
+
+    def __init__(self, path: str | os.PathLike) -> None:
+        self.path = path
+        self.words: list[bytes] = []
+        self.counts: list[int] = []
+        self.lines: list[int] = []
+        self.seen: list[int] = []  # vertices before each element, for negative indices
+        self.blocks: list[tuple[np.ndarray, ...]] = [(np.zeros(0, np.int64),) * 3]
+
+    def add(self, words: list[bytes], line: int, seen: int) -> None:
+        self.words += words
+        self.counts.append(len(words))
+        self.lines.append(line)
+        self.seen.append(seen)
+
+    def convert(self) -> None:
+        words = self.words
+        counts = np.array(self.counts, np.int64)
+        lines = np.array(self.lines, np.int64)
+        indices = [word.partition(b"/")[0] for word in words] if b"/" in b"".join(words) else words
+        try:
+            corners = np.array([int(index) for index in indices], np.int64)
+            legal = bool((corners != 0).all()) and b"_" not in b"".join(indices)  # int() reads 1_0 as 10
+        except (ValueError, OverflowError):
+            legal = False
+        if not legal:
+            raise self._first_bad(counts, lines)
+        corners = np.where(corners < 0, corners + np.repeat(np.array(self.seen, np.int64), counts), corners - 1)
+        self.blocks.append((corners, counts, lines))
+        self.words, self.counts, self.lines, self.seen = [], [], [], []
+
+    def elements(self) -> Elements:
+        corners, counts, lines = (np.concatenate(parts) for parts in zip(*self.blocks, strict=True))
+        return Elements(corners, counts, lines)
+
+    def _first_bad(self, counts: np.ndarray, lines: np.ndarray) -> FileFormatError:
+        bad = next(
+            i for i, word in enumerate(self.words) if not _INDEX.fullmatch(word) or int(word.partition(b"/")[0]) == 0
+        )
+        line = int(lines[np.searchsorted(np.cumsum(counts), bad, side="right")])
+        word = self.words[bad][:40].decode("ascii", "replace")
+        return FileFormatError(self.path, f"{word!r} is not a vertex index; vertices count from 1", line)
+
+
+def _coordinates(path: str | os.PathLike, words: list[bytes], lines: list[int]) -> np.ndarray:
+    try:
+        values = np.array([float(word) for word in words], dtype=np.float64)
+        legal = b"_" not in b"".join(words) and bool(np.isfinite(values).all())
+    except ValueError:
+        legal = False
+    if not legal:
+        bad = next(i for i, word in enumerate(words) if not (_NUMBER.fullmatch(word) and np.isfinite(float(word))))
+        word = words[bad][:40].decode("ascii", "replace")
+        raise FileFormatError(path, f"{word!r} is not a finite number", lines[bad // 3])
+    return values.reshape(-1, 3)

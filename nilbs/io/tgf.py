@@ -1,0 +1,166 @@
+"""Skeletons: libigl's `.tgf` files, joints and the bones between them."""
+
+import os
+import re
+
+import numpy as np
+
+from nilbs.geometry.validation import arrays, check_indices
+from nilbs.io.atomic import replacing
+from nilbs.io.bounded import line_blocks
+from nilbs.io.errors import FileFormatError
+
+_INDEX = re.compile(rb"\d{1,9}")
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def read_tgf(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
+    r"""Read the joints and bones of a skeleton.
+
+    Parameters
+    ----------
+    path : str or path
+        The file: a line a joint (an index, x, y, z, then columns that are left out), a line `#`, a line a bone (the
+        indices of its two joints, parent first), and what may follow another `#`, left out: no point handles.
+
+    Returns
+    -------
+    C : (k, 3) float array
+        Joints in the file's order and units; z is 0 in a flat rig.
+    BE : (b, 2) int array
+        Bones in the file's order: indices into C.
+
+    Raises
+    ------
+    FileFormatError
+        With the line, if a joint has no three finite coordinates or an index used before; if there is no bone, a bone
+        has an unknown joint or no length, a joint ends two bones, or bones run in a circle.
+    OSError
+        If the file cannot be read.
+
+    References
+    ----------
+    .. [1] libigl, file formats, https://libigl.github.io/file-formats/tgf/.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "rig.tgf"
+    >>> _ = path.write_text("1 0 0 0\n2 1 0 0\n3 1 1 0\n#\n1 2\n2 3\n#\n")
+    >>> read_tgf(path)[1]
+    array([[0, 1],
+           [1, 2]])
+    """
+    joints: dict[int, int] = {}
+    C: list[list[float]] = []
+    BE: list[list[int]] = []
+    lines: list[int] = []
+    section = 0
+    for first, block in line_blocks(path):
+        for number, line in enumerate(block, first):
+            words = line.split()
+            if words and words[0].startswith(b"#"):
+                section += 1
+            elif words and section == 0:
+                index, position = _joint(path, words, number)
+                if index in joints:
+                    raise FileFormatError(path, f"a second joint {index}", number)
+                joints[index] = len(C)
+                C.append(position)
+            elif words and section == 1:
+                BE.append(_bone(path, words, joints, number))
+                lines.append(number)
+    if not BE:
+        raise FileFormatError(path, "the rig has no bone")
+    bones = np.array(BE, np.int64)
+    positions = np.array(C)
+    for bone, number in zip(bones, lines, strict=True):
+        if (positions[bone[0]] == positions[bone[1]]).all():
+            raise FileFormatError(path, "a bone of no length: its two joints are one place", number)
+    _check_tree(path, bones, list(joints), lines)
+    return positions, bones
+
+
+def write_tgf(path: str | os.PathLike, C: np.ndarray, BE: np.ndarray) -> None:
+    """Write a skeleton, with every digit.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    C : (k, d) float array
+        Joints; written with z = 0 where d is 2.
+    BE : (b, 2) int array
+        Bones, indices into C.
+
+    Raises
+    ------
+    ValueError
+        If C and BE disagree.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = tempfile.mkdtemp() + "/rig.tgf"
+    >>> write_tgf(path, [[0, 0], [1, 0]], [[0, 1]])
+    >>> with open(path) as file:
+    ...     print(file.read().strip())
+    1 0.0 0.0 0.0
+    2 1.0 0.0 0.0
+    #
+    1 2
+    #
+    """
+    C, BE = arrays(C=(C, "k d"), BE=(BE, "b 2", int))
+    check_indices("BE", BE, len(C), "joints")
+    flat = ["0.0"] * (3 - C.shape[1])
+    with replacing(path, "w") as file:
+        for index, position in enumerate(C.tolist(), 1):
+            file.write(" ".join([str(index), *map(str, position), *flat]) + "\n")
+        file.write("#\n")
+        file.writelines(f"{parent} {child}\n" for parent, child in (BE + 1).tolist())
+        file.write("#\n")
+
+
+def _joint(path: str | os.PathLike, words: list[bytes], line: int) -> tuple[int, list[float]]:
+    if len(words) < 4 or not _INDEX.fullmatch(words[0]):
+        raise FileFormatError(path, "a joint needs an index and three coordinates", line)
+    position = [float(word) if _NUMBER.fullmatch(word) else np.nan for word in words[1:4]]
+    if not np.isfinite(position).all():
+        raise FileFormatError(path, "a joint's coordinates must be three finite numbers", line)
+    return int(words[0]), position
+
+
+def _bone(path: str | os.PathLike, words: list[bytes], joints: dict[int, int], line: int) -> list[int]:
+    if len(words) < 2 or not all(_INDEX.fullmatch(word) for word in words[:2]):
+        raise FileFormatError(path, "a bone needs the indices of two joints", line)
+    ends = [int(word) for word in words[:2]]
+    for end in ends:
+        if end not in joints:
+            raise FileFormatError(path, f"the bone refers to joint {end}, which the file does not have", line)
+    return [joints[end] for end in ends]
+
+
+def _check_tree(path: str | os.PathLike, BE: np.ndarray, names: list[int], lines: list[int]) -> None:
+    """Check that every joint ends one bone at most and that no bone is its own ancestor."""
+    into: dict[int, int] = {}
+    for bone, (_, tip) in enumerate(BE.tolist()):
+        if tip in into:
+            message = f"joint {names[tip]} is the end of two bones, here and in line {lines[into[tip]]}"
+            raise FileFormatError(path, message, lines[bone])
+        into[tip] = bone
+    safe: set[int] = set()
+    for bone in range(len(BE)):
+        path_up: set[int] = set()
+        at = bone
+        while at not in safe:
+            if at in path_up:
+                raise FileFormatError(path, "bones run in a circle", lines[bone])
+            path_up.add(at)
+            base = int(BE[at, 0])
+            if base not in into:
+                break
+            at = into[base]
+        safe |= path_up

@@ -1,0 +1,128 @@
+"""Skinning weights: `.dmat` and `.npz` files."""
+
+import io
+import math
+import os
+import re
+import struct
+import zipfile
+import zlib
+
+import numpy as np
+
+from nilbs.geometry.validation import arrays
+from nilbs.io.atomic import replacing
+from nilbs.io.bounded import SIZE_LIMIT, file_bytes
+from nilbs.io.dmat import read_dmat, write_dmat
+from nilbs.io.errors import FileFormatError, check_suffix
+
+_NPY_HEADER = re.compile(
+    r"\{'descr': '([<>|][fiu][1248])', 'fortran_order': (True|False), "
+    r"'shape': \((\d{1,18}(?:, ?\d{1,18})*),?\),? *\}\s*"
+)
+
+
+def read_weights(path: str | os.PathLike) -> np.ndarray:
+    """Read skinning weights.
+
+    Parameters
+    ----------
+    path : str or path
+        A `.dmat` file, or a `.npz` file with an array named W. Nothing in it is ever run: no pickle is read.
+
+    Returns
+    -------
+    W : (n, b) float array
+        As the file has them: rows may not sum to one.
+
+    Raises
+    ------
+    FileFormatError
+        If the file holds no finite matrix.
+    OSError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = tempfile.mkdtemp() + "/weights.npz"
+    >>> write_weights(path, [[0.25, 0.75]])
+    >>> read_weights(path)
+    array([[0.25, 0.75]])
+    """
+    W = read_dmat(path) if check_suffix(path, ".dmat", ".npz") == ".dmat" else _read_npz(path)
+    if W.ndim != 2 or W.size == 0:
+        raise FileFormatError(path, f"weights must be a matrix (vertices, bones), this file holds {W.shape}")
+    return W
+
+
+def write_weights(path: str | os.PathLike, W: np.ndarray) -> None:
+    """Write skinning weights, with every digit.
+
+    Parameters
+    ----------
+    path : str or path
+        A file that ends in `.dmat` or `.npz`.
+    W : (n, b) float array
+        Weights.
+
+    Raises
+    ------
+    ValueError
+        If W is not a finite matrix, or the suffix is another.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = tempfile.mkdtemp() + "/weights.dmat"
+    >>> write_weights(path, [[1.0], [1.0]])
+    >>> read_weights(path).shape
+    (2, 1)
+    """
+    if check_suffix(path, ".dmat", ".npz") == ".dmat":
+        write_dmat(path, W)
+        return
+    (W,) = arrays(W=(W, "n b"))
+    with replacing(path) as file:
+        np.savez_compressed(file, W=W)
+
+
+def _read_npz(path: str | os.PathLike) -> np.ndarray:
+    # numpy.load would make room for whatever shape the header claims; so the header is read here and held against the
+    # size of what follows it.
+    data = file_bytes(path)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if "W.npy" not in archive.namelist():
+                held = ", ".join(sorted(archive.namelist())[:5])
+                raise FileFormatError(path, f"the file holds no array W, but {held or 'nothing'}")
+            if archive.getinfo("W.npy").file_size > SIZE_LIMIT:
+                raise FileFormatError(path, f"W is larger than {SIZE_LIMIT >> 30} GiB")
+            with archive.open("W.npy") as member:
+                return _npy_array(path, member.read(SIZE_LIMIT))
+    # What the standard library raises for an archive that is cut, damaged, encrypted or packed in another way.
+    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, UnicodeDecodeError) as error:
+        raise FileFormatError(path, f"damaged .npz file: {error}") from None
+
+
+def _npy_array(path: str | os.PathLike, data: bytes) -> np.ndarray:
+    long = data[6:7] in (b"\2", b"\3")
+    start = 12 if long else 10
+    end = start + int.from_bytes(data[8:start], "little")
+    header = _NPY_HEADER.fullmatch(data[start : min(end, 2**16)].decode("latin-1"))
+    if not data.startswith(b"\x93NUMPY") or not header:
+        raise FileFormatError(path, "W is not a plain array of numbers")
+    try:
+        kind = np.dtype(header[1])
+    except TypeError:
+        raise FileFormatError(path, f"W is of the unknown type {header[1]}") from None
+    shape = tuple(int(size) for size in header[3].split(","))
+    if math.prod(shape) * kind.itemsize != len(data) - end:
+        raise FileFormatError(path, f"W claims the shape {shape}, but holds {len(data) - end} bytes")
+    with np.errstate(invalid="ignore"):  # a signalling NaN is reported below
+        W = np.frombuffer(data, kind, offset=end).astype(np.float64)
+    if not np.isfinite(W).all():
+        raise FileFormatError(path, "W holds a number that is not finite")
+    return W.reshape(shape, order="F" if header[2] == "True" else "C")
