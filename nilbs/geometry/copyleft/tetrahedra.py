@@ -1,0 +1,79 @@
+"""Tetrahedra that fill a closed surface and hold the bones, by TetGen (AGPL, inside libigl's copyleft module)."""
+
+import numpy as np
+
+from nilbs.geometry.handles import bone_samples
+from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.volume import element_volumes
+
+
+def conforming_tetrahedra(
+    V: np.ndarray, F: np.ndarray, C: np.ndarray, BE: np.ndarray, *, samples_per_bone: int = 10
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fill a closed surface with tetrahedra that have vertices on the bones.
+
+    Parameters
+    ----------
+    V : (n, 3) float array
+        Surface vertices.
+    F : (m, 3) int array
+        Triangles of a closed surface without self-intersections.
+    C : (k, 3) float array
+        Joints.
+    BE : (b, 2) int array
+        Bones, indices into C.
+    samples_per_bone : int
+        Vertices put on each bone besides its two joints.
+
+    Returns
+    -------
+    V_volume : (n', 3) float array
+        The given vertices first, in their order.
+    T : (t, 4) int array
+        Positively oriented tetrahedra.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree, or the surface is not the closed one that TetGen needs.
+
+    Notes
+    -----
+    TetGen [1]_ with flags pq2Y: quality tetrahedra, the surface's triangles kept as they are.
+
+    References
+    ----------
+    .. [1] Si, TetGen, a Delaunay-based quality tetrahedral mesh generator, 2015, doi:10.1145/2629697.
+
+    Examples
+    --------
+    >>> V = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> F = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+    >>> V2, T = conforming_tetrahedra(V, F, [[0.1, 0.1, 0.1], [0.3, 0.1, 0.1]], [[0, 1]])
+    >>> float((element_volumes(V2, T).sum() * 6).round(9))
+    1.0
+    """
+    from igl.copyleft import tetgen
+
+    V, F = arrays(V=(V, "n 3"), F=(F, "m 3", int))
+    C, BE = arrays(C=(C, "k 3"), BE=(BE, "b 2", int))
+    check_indices("F", F, len(V), "vertices")
+    # TetGen's tolerances are absolute, so it is given a copy of the size one around the origin.
+    size = float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
+    if not size > 0 or not len(F):
+        raise ValueError("the surface has no extent, so there is nothing to fill with tetrahedra")
+    center = (V.min(axis=0) + V.max(axis=0)) / 2
+    points = np.concatenate([V, bone_samples(C, BE, samples_per_bone)])
+    try:
+        V_volume, T = tetgen.tetrahedralize((points - center) / size, F, flags="pq2YQ")[:2]
+    except RuntimeError as error:
+        raise ValueError(
+            f"TetGen could not fill the surface with tetrahedra ({error}): it must be closed and must not cross itself"
+        ) from None
+    if not len(T):
+        raise ValueError("TetGen found no inside: the surface must be closed and must not cross itself")
+    V_volume = V_volume * size + center
+    V_volume[: len(V)] = V
+    T = T.astype(np.int64)
+    T = np.where((element_volumes(V_volume, T) < 0)[:, None], T[:, [0, 2, 1, 3]], T)
+    return V_volume, T

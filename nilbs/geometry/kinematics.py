@@ -1,0 +1,352 @@
+"""Skeletons: parents of bones, forward kinematics and its inverse, poses between poses, random poses and motions.
+
+A bone's rest frame is the translation to its first joint with world axes; its local rotation turns it about that joint
+relative to its parent. A root's rotation is relative to the world, and its first joint may be moved by a translation.
+"""
+
+import numpy as np
+
+from nilbs.geometry.rotations import nearest_rotations, rigid_transforms, rotation_matrices, rotation_vectors, slerp
+from nilbs.geometry.validation import arrays, check_indices
+
+
+def bone_parents(BE: np.ndarray) -> np.ndarray:
+    """Parent of every bone: the bone that ends at the joint where it starts.
+
+    Parameters
+    ----------
+    BE : (b, 2) int array
+        Bones as pairs of joint indices, from first joint to second.
+
+    Returns
+    -------
+    P : (b,) int array
+        Parent bones, -1 at a root.
+
+    Raises
+    ------
+    ValueError
+        If two bones end at one joint, a bone starts where it ends, or the bones form a cycle.
+
+    Examples
+    --------
+    >>> bone_parents([[0, 1], [1, 2], [1, 3]])
+    array([-1,  0,  0])
+    """
+    (BE,) = arrays(BE=(BE, "b 2", int))
+    ending = {}
+    for bone, (first, second) in enumerate(BE.tolist()):
+        if first == second:
+            raise ValueError(f"bone {bone} starts and ends at joint {first}")
+        if second in ending:
+            raise ValueError(
+                f"bones {ending[second]} and {bone} both end at joint {second}; a joint has one parent bone"
+            )
+        ending[second] = bone
+    P = np.array([ending.get(first, -1) for first in BE[:, 0].tolist()], dtype=np.int64)
+    bone_order(P)
+    return P
+
+
+def bone_order(P: np.ndarray) -> np.ndarray:
+    """Order of the bones in which every parent comes before its children.
+
+    Parameters
+    ----------
+    P : (b,) int array
+        Parent bones, -1 at a root.
+
+    Returns
+    -------
+    order : (b,) int array
+        A permutation of the bones, level by level from the roots.
+
+    Raises
+    ------
+    ValueError
+        If the bones form a cycle or P names a bone that does not exist.
+
+    Examples
+    --------
+    >>> bone_order([1, -1, 0])
+    array([1, 0, 2])
+    """
+    (P,) = arrays(P=(P, "b", int))
+    check_indices("P", np.maximum(P, 0), max(len(P), 1), "bones")
+    level = np.full(len(P), -1)
+    level[P < 0] = 0
+    for depth in range(1, len(P) + 1):
+        level[(level < 0) & (level[P] == depth - 1) & (P >= 0)] = depth
+    if (level < 0).any():
+        raise ValueError(f"bones {np.flatnonzero(level < 0).tolist()} form a cycle; a skeleton is a tree")
+    return np.argsort(level, kind="stable")
+
+
+def forward_kinematics(
+    C: np.ndarray,
+    BE: np.ndarray,
+    P: np.ndarray,
+    theta: np.ndarray,
+    *,
+    root_translation: np.ndarray | None = None,
+) -> np.ndarray:
+    """Rest-to-posed transforms of bones from their local rotations.
+
+    Parameters
+    ----------
+    C : (k, d) float array
+        Joints at rest, in mesh units.
+    BE : (b, 2) int array
+        Bones, indices into C.
+    P : (b,) int array
+        Parent bones, -1 at a root.
+    theta : (..., b, 1) or (..., b, 3) float array
+        Local rotations in radians, relative to the parent, about each bone's first joint.
+    root_translation : (..., d) float array, optional
+        How far every root's first joint moves, in mesh units; none by default.
+
+    Returns
+    -------
+    B : (..., b, d+1, d+1) float array
+        Homogeneous transforms, rest to posed, acting on column vectors.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree or P is not a forest.
+
+    Notes
+    -----
+    B_b = B_parent T(c) R(theta_b) T(-c) with c = C[BE[b, 0]], the pose function above eq. 2 of [1]_.
+
+    References
+    ----------
+    .. [1] Jeruzalski et al., NiLBS: Neural Inverse Linear Blend Skinning, 2020, arXiv:2004.05980.
+
+    Examples
+    --------
+    >>> B = forward_kinematics([[0, 0], [1, 0], [2, 0]], [[0, 1], [1, 2]], [-1, 0], [[0.0], [np.pi / 2]])
+    >>> (B[1] @ [2, 0, 1]).round(6)  # the second bone now points up
+    array([1., 1., 1.])
+    """
+    C, BE, P = arrays(C=(C, "k d"), BE=(BE, "b 2", int), P=(P, "b", int))
+    d = C.shape[1]
+    (theta,) = arrays(theta=(theta, f"... {len(BE)} {3 if d == 3 else 1}"))
+    check_indices("BE", BE, len(C), "joints")
+    center = C[BE[:, 0]]
+    R = rotation_matrices(theta)
+    B = rigid_transforms(R, center - (R @ center[:, :, None])[..., 0])
+    if root_translation is not None:
+        (root_translation,) = arrays(root_translation=(root_translation, f"... {d}"))
+        B[..., P < 0, :d, d] += root_translation[..., None, :]
+    for bone in bone_order(P):
+        if P[bone] >= 0:
+            B[..., bone, :, :] = B[..., P[bone], :, :] @ B[..., bone, :, :]
+    return B
+
+
+def local_rotations(C: np.ndarray, BE: np.ndarray, P: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Local rotations and root translation of posed bones; the inverse of `forward_kinematics`.
+
+    Parameters
+    ----------
+    C : (k, d) float array
+        Joints at rest, in mesh units.
+    BE : (b, 2) int array
+        Bones, indices into C.
+    P : (b,) int array
+        Parent bones, -1 at a root.
+    B : (..., b, d+1, d+1) float array
+        Rest-to-posed transforms of the bones.
+
+    Returns
+    -------
+    theta : (..., b, 1) or (..., b, 3) float array
+        Local rotations in radians.
+    root_translation : (..., d) float array
+        How far the first root's first joint moves, in mesh units.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree, or the transforms are not what one skeleton can do: a bone is not rigid, a joint comes
+        apart, or two roots move differently. The message names the bone.
+
+    Examples
+    --------
+    >>> C, BE, P = [[0, 0], [1, 0], [2, 0]], [[0, 1], [1, 2]], [-1, 0]
+    >>> theta, root_translation = local_rotations(C, BE, P, forward_kinematics(C, BE, P, [[0.1], [0.2]]))
+    >>> theta.ravel().round(6)
+    array([0.1, 0.2])
+    """
+    C, BE, P, B = arrays(C=(C, "k d"), BE=(BE, "b 2", int), P=(P, "b", int), B=(B, "... b d+1 d+1"))
+    d = C.shape[1]
+    check_indices("BE", BE, len(C), "joints")
+    R = B[..., :d, :d]
+    rigid = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(d)).max(axis=(-1, -2)) < 1e-6
+    rigid &= np.linalg.det(R) > 0
+    if not rigid.all():
+        raise ValueError(f"bone {np.argwhere(~rigid)[0][-1]} is scaled or sheared; local rotations need rigid bones")
+    parent_R = np.where((P >= 0)[:, None, None], R[..., P, :, :], np.eye(d))
+    theta = rotation_vectors(np.swapaxes(parent_R, -1, -2) @ R)
+    center = C[BE[:, 0]]
+    roots = np.flatnonzero(P < 0)
+    moved = (R @ center[:, :, None])[..., 0] + B[..., :d, d]
+    root_translation = moved[..., roots[0], :] - center[roots[0]] if len(roots) else np.zeros((*B.shape[:-3], d))
+    recomposed = forward_kinematics(C, BE, P, theta, root_translation=root_translation)
+    apart = np.abs(recomposed - B)[..., :d, d].max(axis=-1)
+    size = np.linalg.norm(np.ptp(C, axis=0)) + np.abs(root_translation).max(initial=0)
+    if (apart > 1e-5 * size).any():
+        raise ValueError(f"bone {np.argwhere(apart > 1e-5 * size)[0][-1]} comes apart from its parent's joint")
+    return theta, root_translation
+
+
+def interpolate_poses(
+    C: np.ndarray, BE: np.ndarray, P: np.ndarray, B0: np.ndarray, B1: np.ndarray, s: float
+) -> np.ndarray:
+    """Poses a fraction s of the way from one pose to another.
+
+    Parameters
+    ----------
+    C : (k, d) float array
+        Joints at rest, in mesh units.
+    BE : (b, 2) int array
+        Bones, indices into C.
+    P : (b,) int array
+        Parent bones, -1 at a root.
+    B0, B1 : (..., b, d+1, d+1) float array
+        Poses, rest to posed.
+    s : float
+        0 gives B0, 1 gives B1.
+
+    Returns
+    -------
+    B : (..., b, d+1, d+1) float array
+        Poses in between.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree.
+
+    Notes
+    -----
+    Where both poses are ones that the skeleton can take, local rotations are slerped and the root translation is
+    linear, recomposed down the hierarchy, so that joints stay together. Other transforms are taken bone by bone:
+    the rotation of the polar decomposition is slerped, the stretch and the translation are linear.
+
+    Examples
+    --------
+    >>> C, BE, P = [[0, 0], [1, 0]], [[0, 1]], [-1]
+    >>> B0, B1 = (forward_kinematics(C, BE, P, [[angle]]) for angle in (0.0, 1.0))
+    >>> local_rotations(C, BE, P, interpolate_poses(C, BE, P, B0, B1, 0.25))[0].round(6)
+    array([[0.25]])
+    """
+    C, B0, B1 = arrays(C=(C, "k d"), B0=(B0, "... b d+1 d+1"), B1=(B1, "... b d+1 d+1"))
+    d = C.shape[1]
+    try:
+        theta0, move0 = local_rotations(C, BE, P, B0)
+        theta1, move1 = local_rotations(C, BE, P, B1)
+    except ValueError:
+        R0, R1 = nearest_rotations(B0[..., :d, :d]), nearest_rotations(B1[..., :d, :d])
+        stretch0, stretch1 = (np.swapaxes(R, -1, -2) @ B[..., :d, :d] for R, B in ((R0, B0), (R1, B1)))
+        linear = slerp(R0, R1, s) @ ((1 - s) * stretch0 + s * stretch1)
+        return rigid_transforms(linear, (1 - s) * B0[..., :d, d] + s * B1[..., :d, d])
+    theta = rotation_vectors(slerp(rotation_matrices(theta0), rotation_matrices(theta1), s))
+    return forward_kinematics(C, BE, P, theta, root_translation=(1 - s) * move0 + s * move1)
+
+
+def random_rotations(P: np.ndarray, d: int, n: int, *, std: float, rng: np.random.Generator) -> np.ndarray:
+    """Local rotations of n random poses: every bone but the roots turned about a random axis.
+
+    Parameters
+    ----------
+    P : (b,) int array
+        Parent bones, -1 at a root.
+    d : int
+        2 or 3.
+    n : int
+        How many poses.
+    std : float
+        Standard deviation of the angle, in radians.
+    rng : numpy.random.Generator
+        Where chance comes from.
+
+    Returns
+    -------
+    theta : (n, b, 1) or (n, b, 3) float array
+        Local rotations in radians; zero at the roots.
+
+    Raises
+    ------
+    ValueError
+        If std is negative.
+
+    Examples
+    --------
+    >>> theta = random_rotations([-1, 0], 3, 5, std=0.3, rng=np.random.default_rng(0))
+    >>> theta.shape, bool((theta[:, 0] == 0).all())
+    ((5, 2, 3), True)
+    """
+    (P,) = arrays(P=(P, "b", int))
+    if not std >= 0:
+        raise ValueError(f"std must not be negative, got {std}")
+    angle = std * rng.standard_normal((n, len(P), 1))
+    if d == 3:
+        axis = rng.standard_normal((n, len(P), 3))
+        angle = angle * (axis / np.linalg.norm(axis, axis=-1, keepdims=True))
+    return np.where((P >= 0)[:, None], angle, 0.0)
+
+
+def smooth_random_rotations(
+    P: np.ndarray, d: int, n: int, *, amplitude: float = 0.4, rng: np.random.Generator
+) -> np.ndarray:
+    """Local rotations of a smooth random motion of n frames.
+
+    Parameters
+    ----------
+    P : (b,) int array
+        Parent bones, -1 at a root.
+    d : int
+        2 or 3.
+    n : int
+        How many frames.
+    amplitude : float
+        Root mean square over the motion of every non-root bone's local angle, in radians.
+    rng : numpy.random.Generator
+        Where chance comes from.
+
+    Returns
+    -------
+    theta : (n, b, 1) or (n, b, 3) float array
+        Local rotations in radians; zero at the roots.
+
+    Raises
+    ------
+    ValueError
+        If amplitude is negative.
+
+    Notes
+    -----
+    Each component is a sum of sines of one to four periods over the motion with random phases, so that the motion
+    loops and neighbouring frames are close; each bone is then scaled to the amplitude exactly.
+
+    Examples
+    --------
+    >>> theta = smooth_random_rotations([-1, 0], 2, 50, amplitude=0.4, rng=np.random.default_rng(0))
+    >>> float(np.sqrt((theta[:, 1] ** 2).mean()).round(6))
+    0.4
+    """
+    (P,) = arrays(P=(P, "b", int))
+    if not amplitude >= 0:
+        raise ValueError(f"amplitude must not be negative, got {amplitude}")
+    r = 3 if d == 3 else 1
+    time = np.arange(n)[:, None, None, None] / max(n, 1)
+    periods = np.arange(1, 5)
+    phase = rng.uniform(0, 2 * np.pi, (len(P), r, len(periods)))
+    # Slower waves carry more: the spectrum of a body's motion falls with frequency.
+    size = rng.standard_normal((len(P), r, len(periods))) / periods
+    theta = (size * np.sin(2 * np.pi * periods * time + phase)).sum(axis=-1)
+    rms = np.sqrt((theta**2).sum(axis=-1).mean(axis=0)) if n else np.ones(len(P))
+    theta *= (amplitude / np.where(rms > 0, rms, 1.0))[:, None]
+    return np.where((P >= 0)[:, None], theta, 0.0)

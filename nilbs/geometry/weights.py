@@ -1,0 +1,334 @@
+"""Bounded biharmonic weights: every bone at once, every row on the simplex."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import sparse
+
+from nilbs.geometry.validation import arrays, check_indices
+
+# The penalties of the splitting, in two norms one after the other. The first, the mass matrix, settles the smooth large
+# part of the weights; it is in units of the domain's diagonal, and squared frequencies of the Laplacian there run from
+# some 1e3 up. The second, the diagonal of the energy, settles the stiff small part around the bones and holds no unit.
+MASS_PENALTIES = (1e5, 1e6, 1e7, 1e8)
+ENERGY_PENALTIES = (1e-2, 1e-1, 1e0)
+
+
+def bounded_biharmonic_weights(
+    V: np.ndarray,
+    T: np.ndarray,
+    fixed: np.ndarray,
+    W_fixed: np.ndarray,
+    *,
+    method: str = "joint",
+    iterations: int = 20,
+    progress: bool = False,
+) -> np.ndarray:
+    """Smooth weights that are one on their own bone, zero on the others, and convex everywhere.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices of a volume mesh.
+    T : (t, d+1) int array
+        Its elements, indices into V.
+    fixed : (f,) int array
+        Vertices whose weights are known, without repetition.
+    W_fixed : (f, b) float array
+        Their weights; rows on the simplex.
+    method : "joint" or "igl"
+        "joint" solves for all bones together. "igl" is the reference, `igl.bbw` at 50 iterations, bone by bone, then
+        clipped and normalised.
+    iterations : int
+        Iterations at each penalty of the joint solver. 20 leave the energy within a thousandth of the optimum on the
+        meshes tried; 200 within a millionth.
+    progress : bool
+        Show a progress bar on standard error.
+
+    Returns
+    -------
+    W : (n, b) float array
+        Rows on the simplex to rounding: 0 <= W <= 1 and row sums of one. A vertex that no element uses has the weights
+        of the nearest one that is used.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree, W_fixed leaves the simplex, an index does not exist or is repeated, or a part of the mesh
+        that no fixed vertex touches leaves the weights undetermined.
+
+    Notes
+    -----
+    Minimises 1/2 sum_b w_b' L M^-1 L w_b, eq. 1 of [1]_, with libigl's cotangent Laplacian L and mass matrix M, over all
+    bones at once, so that the partition of unity is part of the problem and not an afterthought. Solved by the
+    alternating direction method of multipliers [2]_: a linear solve, one factorisation for all bones, and a projection
+    of every row on the simplex [3]_ take turns. What is returned is the projected iterate, so its bounds and sums do
+    not depend on convergence. The penalty grows in stages (see the constants above), each of which starts from the
+    weights and multipliers of the one before.
+
+    References
+    ----------
+    .. [1] Jacobson et al., Bounded biharmonic weights for real-time deformation, SIGGRAPH 2011,
+       doi:10.1145/2010324.1964973.
+    .. [2] Boyd et al., Distributed optimization and statistical learning via the alternating direction method of
+       multipliers, 2011, doi:10.1561/2200000016.
+    .. [3] Duchi et al., Efficient projections onto the l1-ball, ICML 2008, doi:10.1145/1390156.1390191.
+
+    Examples
+    --------
+    >>> V, T = [[0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]], [[0, 1, 3], [1, 4, 3], [1, 2, 4], [2, 5, 4]]
+    >>> W = bounded_biharmonic_weights(V, T, [0, 3, 2, 5], [[1, 0], [1, 0], [0, 1], [0, 1]])
+    >>> W[[1, 4]].round(3)
+    array([[0.5, 0.5],
+           [0.5, 0.5]])
+    """
+    V, T = arrays(V=(V, "n d"), T=(T, "t d+1", int))
+    fixed, W_fixed = arrays(fixed=(fixed, "f", int), W_fixed=(W_fixed, "f b"))
+    check_indices("T", T, len(V), "vertices")
+    check_indices("fixed", fixed, len(V), "vertices")
+    if len(np.unique(fixed)) < len(fixed):
+        raise ValueError("fixed names a vertex twice")
+    if len(W_fixed) and (W_fixed.min() < -1e-9 or np.abs(W_fixed.sum(axis=1) - 1).max() > 1e-9):
+        raise ValueError("rows of W_fixed must be non-negative and sum to one")
+    used = np.unique(T)
+    if not np.isin(fixed, used).all():
+        raise ValueError(f"fixed vertex {fixed[~np.isin(fixed, used)][0]} belongs to no element")
+    place = np.full(len(V), -1)
+    place[used] = np.arange(len(used))
+    K, mass = _energy_matrix(V[used], place[T])
+    _check_every_part_is_held(K, place[fixed], used)
+    if method == "igl":
+        W_used = _bone_by_bone(V[used], place[T], place[fixed], W_fixed)
+    elif method == "joint":
+        W_used = _joint(V[used], K, mass, place[fixed], W_fixed, iterations, progress)
+    else:
+        raise ValueError(f"method must be 'joint' or 'igl', got {method!r}")
+    return _nearest_rows(V, used, W_used)
+
+
+def biharmonic_energy(V: np.ndarray, T: np.ndarray, W: np.ndarray) -> float:
+    """Half the sum over bones of w' L M^-1 L w, what bounded biharmonic weights minimise.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices of a volume mesh.
+    T : (t, d+1) int array
+        Its elements, indices into V.
+    W : (n, b) float array
+        Weights.
+
+    Returns
+    -------
+    energy : float
+        In mesh units to the power d - 4.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree or T indexes a vertex that does not exist.
+
+    Examples
+    --------
+    >>> biharmonic_energy([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], [[1], [1], [1]])
+    0.0
+    """
+    V, T, W = arrays(V=(V, "n d"), T=(T, "t d+1", int), W=(W, "n b"))
+    check_indices("T", T, len(V), "vertices")
+    used = np.unique(T)
+    place = np.full(len(V), -1)
+    place[used] = np.arange(len(used))
+    K, _ = _energy_matrix(V[used], place[T])
+    return float(0.5 * np.einsum("ij,ij->", W[used], K @ W[used]))
+
+
+def extend_weights(V: np.ndarray, T: np.ndarray, W_known: np.ndarray) -> np.ndarray:
+    """Weights inside a volume mesh from those of its first vertices, as smoothly as the elements allow.
+
+    Parameters
+    ----------
+    V : (n', d) float array
+        Vertices of a volume mesh, the known ones first.
+    T : (t, d+1) int array
+        Its elements, indices into V.
+    W_known : (n, b) float array
+        Weights of the first n vertices; rows on the simplex.
+
+    Returns
+    -------
+    W : (n', b) float array
+        The harmonic extension, each row projected on the simplex. The first n rows are W_known.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree or T indexes a vertex that does not exist.
+
+    Notes
+    -----
+    A harmonic function takes its largest and smallest values on the boundary, so the extension keeps bounds and sums;
+    the projection mends what obtuse elements break.
+
+    Examples
+    --------
+    >>> V, T = [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]], [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+    >>> extend_weights(V, T, [[1, 0], [1, 0], [0, 1], [0, 1]])[4].round(6)
+    array([0.5, 0.5])
+    """
+    import igl
+
+    V, T, W_known = arrays(V=(V, "n d"), T=(T, "t d+1", int), W_known=(W_known, "k b"))
+    check_indices("T", T, len(V), "vertices")
+    if len(W_known) > len(V):
+        raise ValueError(f"W_known has {len(W_known)} rows, more than the {len(V)} vertices")
+    used = np.unique(T)
+    place = np.full(len(V), -1)
+    place[used] = np.arange(len(used))
+    known = used[used < len(W_known)]
+    solved = np.zeros((len(used), W_known.shape[1]))
+    if len(known):
+        solved = igl.harmonic(V[used], place[T], place[known], W_known[known], 1)
+    W = _nearest_rows(V, used, simplex_projection(solved))
+    W[: len(W_known)] = W_known
+    return W
+
+
+def simplex_projection(W: np.ndarray) -> np.ndarray:
+    """Nearest rows that are non-negative and sum to one.
+
+    Parameters
+    ----------
+    W : (n, b) float array
+        Any rows.
+
+    Returns
+    -------
+    W_simplex : (n, b) float array
+        Rows on the simplex, to rounding.
+
+    Raises
+    ------
+    ValueError
+        If W is not a matrix of finite numbers.
+
+    Examples
+    --------
+    >>> simplex_projection([[0.6, 0.6, -0.5]])
+    array([[0.5, 0.5, 0. ]])
+    """
+    (W,) = arrays(W=(W, "n b"))
+    return _simplex(W)
+
+
+def _simplex(W: np.ndarray) -> np.ndarray:
+    # Duchi et al., fig. 1: after sorting, the number of entries that stay positive tells the common amount to subtract.
+    ordered = -np.sort(-W, axis=1)
+    excess = np.cumsum(ordered, axis=1) - 1
+    rank = np.arange(1, W.shape[1] + 1)
+    kept = np.maximum((ordered * rank > excess).sum(axis=1), 1)
+    shift = excess[np.arange(len(W)), kept - 1] / kept
+    return np.maximum(W - shift[:, None], 0)
+
+
+def _energy_matrix(V: np.ndarray, T: np.ndarray) -> tuple[sparse.csc_matrix, np.ndarray]:
+    import igl
+
+    L = igl.cotmatrix(V, T)
+    mass = igl.massmatrix(V, T, igl.MASSMATRIX_TYPE_DEFAULT).diagonal()
+    if len(mass) and not mass.min() > 0:
+        raise ValueError(f"vertex {int(mass.argmin())} of the volume mesh touches only elements without volume")
+    K = L @ sparse.diags(1 / mass) @ L
+    return ((K + K.T) / 2).tocsc(), mass
+
+
+def _check_every_part_is_held(K: sparse.csc_matrix, fixed: np.ndarray, used: np.ndarray) -> None:
+    count, part = sparse.csgraph.connected_components(K, directed=False)
+    loose = np.setdiff1d(np.arange(count), part[fixed])
+    if len(loose):
+        vertex = used[np.flatnonzero(part == loose[0])[0]]
+        raise ValueError(
+            f"{len(loose)} of the mesh's {count} separate parts (one holds vertex {vertex}) touch no bone, "
+            "so nothing tells their weights; connect the parts or give each a bone"
+        )
+
+
+def _bone_by_bone(V: np.ndarray, T: np.ndarray, fixed: np.ndarray, W_fixed: np.ndarray) -> np.ndarray:
+    import igl
+
+    W = np.clip(igl.bbw(V, T, fixed, W_fixed, max_iter=50), 0, 1)
+    return W / W.sum(axis=1, keepdims=True)
+
+
+def _joint(
+    V: np.ndarray,
+    K: sparse.csc_matrix,
+    mass: np.ndarray,
+    fixed: np.ndarray,
+    W_fixed: np.ndarray,
+    iterations: int,
+    progress: bool,
+) -> np.ndarray:
+    from tqdm import tqdm
+
+    (n, d), b = V.shape, W_fixed.shape[1]
+    if len(fixed) == n or b == 1:
+        W = np.ones((n, b))
+        W[fixed] = W_fixed
+        return W
+    # Taking lengths in units of the domain's diagonal makes the penalties free of the mesh's unit.
+    unit = float(np.linalg.norm(np.ptp(V, axis=0)))
+    K, mass = K * unit ** (4 - d), mass / unit**d
+    zero = np.zeros((n, b))
+    Z = _simplex(_Quadratic(K, fixed).minimum(zero, W_fixed))
+    Z[fixed] = W_fixed
+    multipliers = zero
+    penalties = list(_penalties(K, mass))
+    with tqdm(total=len(penalties) * iterations, desc="weights", unit="it", disable=not progress, delay=2) as bar:
+        for penalty in penalties:
+            quadratic = _Quadratic((K + sparse.diags(penalty)).tocsc(), fixed)
+            column = penalty[:, None]
+            Y = multipliers / column
+            for _ in range(iterations):
+                W = quadratic.minimum(column * (Y - Z), W_fixed)
+                # Over-relaxation by 1.6, Boyd et al., section 3.4.3.
+                W = 1.6 * W - 0.6 * Z
+                Z = _simplex(W + Y)
+                Z[fixed] = W_fixed
+                Y += W - Z
+                bar.update()
+            multipliers = Y * column
+    return Z
+
+
+def _penalties(K: sparse.csc_matrix, mass: np.ndarray) -> Iterator[np.ndarray]:
+    for rho in MASS_PENALTIES:
+        yield rho * mass
+    for rho in ENERGY_PENALTIES:
+        yield rho * K.diagonal()
+
+
+class _Quadratic:
+    """Factorised problem min 1/2 tr W'KW + tr W'B with some rows of W given."""
+
+    def __init__(self, K: sparse.csc_matrix, fixed: np.ndarray) -> None:
+        import igl
+        from igl import pyigl_core
+
+        self._igl = igl
+        self._data = pyigl_core.min_quad_with_fixed_data()
+        igl.min_quad_with_fixed_precompute(K, fixed, sparse.csc_matrix((0, K.shape[0])), True, self._data)
+
+    def minimum(self, B: np.ndarray, W_fixed: np.ndarray) -> np.ndarray:
+        return self._igl.min_quad_with_fixed_solve(self._data, B, W_fixed, np.zeros((0, W_fixed.shape[1])))
+
+
+def _nearest_rows(V: np.ndarray, used: np.ndarray, W_used: np.ndarray) -> np.ndarray:
+    """Spread rows of the used vertices to all: every other vertex takes those of the nearest one."""
+    from scipy.spatial import cKDTree
+
+    W = np.zeros((len(V), W_used.shape[1]))
+    W[used] = W_used
+    rest = np.setdiff1d(np.arange(len(V)), used)
+    if len(rest) and len(used):
+        W[rest] = W_used[cKDTree(V[used]).query(V[rest])[1]]
+    return W
