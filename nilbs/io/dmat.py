@@ -10,6 +10,7 @@ from nilbs.io.atomic import replacing
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
 
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _HEADER = re.compile(rb"[ \t\r\n]*(\d{1,18})[ \t]+(\d{1,18})[ \t\r]*(?:\n|$)")
 
 
@@ -127,13 +128,7 @@ def _text(path: str | os.PathLike, data: bytes, start: int, size: int) -> np.nda
 
 
 def _first_bad_word(path: str | os.PathLike, data: bytes, start: int) -> FileFormatError:
-    line = data.count(b"\n", 0, start) + 1
-    for text in data[start:].split(b"\n"):
-        for word in text.split():
-            if not _NUMBER.fullmatch(word) or not np.isfinite(float(word)):
-                return FileFormatError(path, f"{word[:40].decode('ascii', 'replace')!r} is not a finite number", line)
-        line += 1
-    raise AssertionError("unreachable")
-
-
-_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+    lines = enumerate(data[start:].split(b"\n"), data.count(b"\n", 0, start) + 1)
+    words = ((line, word) for line, text in lines for word in text.split())
+    line, word = next((n, w) for n, w in words if not _NUMBER.fullmatch(w) or not np.isfinite(float(w)))
+    return FileFormatError(path, f"{word[:40].decode('ascii', 'replace')!r} is not a finite number", line)

@@ -102,7 +102,8 @@ def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
     n, d = V.shape
     if F.shape[1] not in (2, 3) or (d == 3 and F.shape[1] == 2):
         raise ValueError(f"F must be (m, 3){' or (m, 2)' * (d == 2)}, got {F.shape}")
-    check_indices("F", F, n, "vertices")
+    if len(F):
+        check_indices("F", F, n, "vertices")
     xyz = np.zeros((n, 3))
     xyz[:, :d] = V
     with replacing(path, "w" if suffix == ".obj" else "wb") as file:
@@ -122,10 +123,10 @@ def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
 
 
 def _turns(V: np.ndarray, T: np.ndarray) -> np.ndarray:
-    """Twice the signed area of flat triangles: positive where they run counter-clockwise."""
-    with np.errstate(over="ignore", invalid="ignore"):  # of coordinates near 1e308 the sign is lost, no more
-        a, b = V[T[:, 1]] - V[T[:, 0]], V[T[:, 2]] - V[T[:, 0]]
-        return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    """The signed areas of flat triangles, scaled: positive where they run counter-clockwise."""
+    V = V / (np.abs(V).max() or 1.0)  # so that no product overflows
+    a, b = V[T[:, 1]] - V[T[:, 0]], V[T[:, 2]] - V[T[:, 0]]
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _ply_header(n: int, F: np.ndarray) -> str:

@@ -70,7 +70,7 @@ def read_ply(path: str | os.PathLike) -> MeshFile:
             tables[element.name], start = _binary_rows(path, element, data, start, order)
             lines[element.name] = None
     vertex = tables.get("vertex", {})
-    if not {"x", "y", "z"} <= vertex.keys():
+    if not _has(vertex, "x", "y", "z"):
         raise FileFormatError(path, "the header names no vertex element with x, y and z")
     with np.errstate(invalid="ignore"):  # a signalling NaN is reported below, with its place
         V = np.stack([vertex[c].astype(np.float64) for c in "xyz"], axis=1)
@@ -85,10 +85,15 @@ def read_ply(path: str | os.PathLike) -> MeshFile:
         if f"{name} count" in face:
             counts = face[f"{name} count"].astype(np.int64)
             faces = Elements(_indices(path, face[name]), counts, lines["face"])
-    if {"vertex1", "vertex2"} <= edge.keys():
+    if _has(edge, "vertex1", "vertex2"):
         ends = [_indices(path, edge[name]) for name in ("vertex1", "vertex2")]
         edges = Elements(np.stack(ends, axis=1).ravel(), np.full(len(ends[0]), 2), lines["edge"])
     return MeshFile(path, V, faces, edges, first=0)
+
+
+def _has(table: dict[str, np.ndarray], *names: str) -> bool:
+    """Whether an element has these properties, one value each."""
+    return all(name in table and f"{name} count" not in table for name in names)
 
 
 def _indices(path: str | os.PathLike, values: np.ndarray) -> np.ndarray:

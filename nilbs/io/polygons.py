@@ -61,7 +61,9 @@ def check_corners(file: MeshFile, kind: str) -> None:
     least = 3 if kind == "face" else 2
     few = np.flatnonzero(elements.counts < least)
     if len(few):
-        message = f"a {kind} needs {least} corners, this one has {elements.counts[few[0]]}"
+        message = (
+            f"{'a' if kind == 'face' else 'an'} {kind} needs {least} corners, this one has {elements.counts[few[0]]}"
+        )
         raise FileFormatError(file.path, _named(kind, elements, few[0], message), elements.line(few[0]))
     wrong = np.flatnonzero((elements.corners < 0) | (elements.corners >= len(file.V)))
     if len(wrong):

@@ -16,6 +16,8 @@ from nilbs.io.bounded import SIZE_LIMIT, file_bytes
 from nilbs.io.dmat import read_dmat, write_dmat
 from nilbs.io.errors import FileFormatError, check_suffix
 
+_MEMBER = "W.npy"
+_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that numpy writes
 _NPY_HEADER = re.compile(
     r"\{'descr': '([<>|][fiu][1248])', 'fortran_order': (True|False), "
     r"'shape': \((\d{1,18}(?:, ?\d{1,18})*),?\),? *\}\s*"
@@ -93,18 +95,22 @@ def _read_npz(path: str | os.PathLike) -> np.ndarray:
     # numpy.load would make room for whatever shape the header claims; so the header is read here and held against the
     # size of what follows it.
     data = file_bytes(path)
+    member = None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if "W.npy" not in archive.namelist():
-                held = ", ".join(sorted(archive.namelist())[:5])
-                raise FileFormatError(path, f"the file holds no array W, but {held or 'nothing'}")
-            if archive.getinfo("W.npy").file_size > SIZE_LIMIT:
-                raise FileFormatError(path, f"W is larger than {SIZE_LIMIT >> 30} GiB")
-            with archive.open("W.npy") as member:
-                return _npy_array(path, member.read(SIZE_LIMIT))
-    # What the standard library raises for an archive that is cut, damaged, encrypted or packed in another way.
-    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, UnicodeDecodeError) as error:
+            names = sorted(archive.namelist())
+            size = archive.getinfo(_MEMBER).file_size if _MEMBER in names else 0
+            if 0 < size <= SIZE_LIMIT and archive.getinfo(_MEMBER).compress_type in _PACKINGS:
+                with archive.open(_MEMBER) as file:
+                    member = file.read(SIZE_LIMIT)
+    # What the standard library raises for an archive that is cut, damaged or encrypted.
+    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, ValueError, OSError) as error:
         raise FileFormatError(path, f"damaged .npz file: {error}") from None
+    if _MEMBER not in names:
+        raise FileFormatError(path, f"the file holds no array W, but {', '.join(names[:5]) or 'nothing'}")
+    if member is None:
+        raise FileFormatError(path, f"W is empty, larger than {SIZE_LIMIT >> 30} GiB or packed in an unknown way")
+    return _npy_array(path, member)
 
 
 def _npy_array(path: str | os.PathLike, data: bytes) -> np.ndarray:
