@@ -1,0 +1,74 @@
+"""Pictures of a trained model as PNG files: one function a figure, and one that writes them all."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from nilbs.figures.canvas import evenly_spaced
+from nilbs.figures.ghost import ghost_figure
+from nilbs.figures.notation import notation_figure
+from nilbs.figures.reconstruction import reconstruction_figure
+from nilbs.figures.training import training_figure
+from nilbs.figures.weights import weights_figure
+
+if TYPE_CHECKING:
+    from nilbs.model import Model
+
+__all__ = [
+    "ghost_figure",
+    "notation_figure",
+    "reconstruction_figure",
+    "training_figure",
+    "weights_figure",
+    "write_figures",
+]
+
+
+def write_figures(
+    model: "Model",
+    folder: str | Path,
+    *,
+    poses: Mapping[str, np.ndarray] | None = None,
+    surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
+    resolution: int = 128,
+) -> list[Path]:
+    """Write all figures of a model: notation, weights, ghost, training and reconstruction, as PNG.
+
+    Parameters
+    ----------
+    model : Model
+    folder : path
+        Made where it is missing.
+    poses : mapping of str to (b, d+1, d+1) float array, optional
+        Labels and poses of the reconstruction figure; three evenly spaced training frames where none are given.
+    surfaces : mapping of str to (U, F), optional
+        Reconstructed surfaces that are already at hand, by the labels of `poses`.
+    resolution : int, optional
+        Cells along the longest edge of the grid that the other surfaces are extracted on.
+
+    Returns
+    -------
+    paths : list of Path
+        The files, in the order above.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be made or a file cannot be written.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    motion = model.motion
+    if poses is None:
+        poses = {f"training frame {motion.frames[k]}": motion[k] for k in evenly_spaced(len(motion), 3)}
+    return [
+        notation_figure(model, folder / "notation.png"),
+        weights_figure(model, folder / "weights.png"),
+        ghost_figure(model, folder / "ghost.png"),
+        training_figure(model, folder / "training.png"),
+        reconstruction_figure(
+            model, folder / "reconstruction.png", poses=poses, surfaces=surfaces, resolution=resolution
+        ),
+    ]

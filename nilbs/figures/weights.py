@@ -1,0 +1,71 @@
+"""The paper's second figure: channels of the weight network, at rest and in a pose."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+
+from nilbs.figures.canvas import WEIGHTS, plain, sheet, write_png
+from nilbs.figures.surfaces import draw_bones
+from nilbs.figures.views import Section, View
+from nilbs.geometry.skinning import linear_blend_skinning
+
+if TYPE_CHECKING:
+    from nilbs.model import Model
+
+
+def weights_figure(
+    model: "Model", path: str | Path, *, pose: np.ndarray | None = None, label: str = "posed", columns: int = 4
+) -> Path:
+    """Draw a few channels of the network's weights, top at rest, bottom in a pose.
+
+    Parameters
+    ----------
+    model : Model
+    path : path
+        The PNG to write.
+    pose : (b, d+1, d+1) float array, optional
+        The pose below; the middle frame of the training motion where none is given.
+    label : str, optional
+        What to call that pose.
+    columns : int, optional
+        Number of bones, those that move most of the surface; the ghost channel comes on top.
+
+    Returns
+    -------
+    path : Path
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    character, motion = model.character, model.motion
+    if pose is None:
+        middle = len(motion) // 2
+        pose, label = motion[middle], f"training frame {motion.frames[middle]}"
+    bones = np.sort(np.argsort(-character.W.sum(axis=0), kind="stable")[:columns])
+    channels = [*bones.tolist(), len(character.names)]
+
+    figure, panels = sheet(2, len(channels), title=f"{character.name}: channels of the weight network", beside=1.0)
+    front = View.front(character.V)
+    for row, (name, B) in enumerate((("rest", np.broadcast_to(np.eye(character.d + 1), pose.shape)), (label, pose))):
+        U = linear_blend_skinning(character.V, character.W, B)
+        section = Section.through(front, U)
+        W = section.image(model.weights(section.points(), B))
+        surface = section.cut(U, character.F)
+        for panel, channel in zip(panels[row], channels, strict=True):
+            panel.imshow(W[..., channel], origin="lower", extent=section.extent, cmap=WEIGHTS, vmin=0, vmax=1)
+            panel.add_collection(LineCollection(list(surface), colors="white", linewidths=0.8))
+            if channel < len(character.names):
+                draw_bones(panel, front, character.C, character.BE[[channel]], B=B[[channel]], colour="#d55e00")
+            title = character.names[channel] if channel < len(character.names) else "ghost bone"
+            plain(panel, title=title if row == 0 else "")
+        panels[row, 0].set_ylabel(name, fontsize=9)
+    where = " on a planar section" if character.d == 3 else ""
+    bar = figure.colorbar(ScalarMappable(Normalize(0, 1), WEIGHTS), ax=panels, fraction=0.025, shrink=0.8)
+    bar.set_label(f"weight{where}; the surface in white, the bone in orange", fontsize=8)
+    return write_png(figure, path)
