@@ -43,9 +43,9 @@ def closest_points(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> tuple[np.ndar
     (array([3.]), array([0]), array([[1., 0.]]))
     """
     V, F, x = arrays(V=(V, "n d"), F=(F, "m d", int), x=(x, "p d"))
-    check_indices("F", F, len(V), "vertices")
-    if not len(F) or not len(x):
+    if not len(F):
         return np.full(len(x), np.inf), np.full(len(x), -1), np.full(x.shape, np.nan)
+    check_indices("F", F, len(V), "vertices")
     import igl
 
     # libigl's tree asks for three coordinates; edges in the plane z = 0 keep their distances.

@@ -97,6 +97,8 @@ def components(F: np.ndarray, n: int) -> int:
     from scipy.sparse.csgraph import connected_components
 
     (F,) = arrays(F=(F, "m d", int))
+    if not len(F):
+        return 0
     check_indices("F", F, n, "vertices")
     start = np.repeat(F[:, 0], F.shape[1] - 1)
     end = F[:, 1:].ravel()
@@ -132,7 +134,9 @@ def is_watertight(F: np.ndarray) -> bool:
     False
     """
     (F,) = arrays(F=(F, "m d", int))
-    n = int(F.max(initial=-1)) + 1
+    if not len(F):
+        return True
+    n = int(F.max()) + 1
     check_indices("F", F, n, "vertices")
     if F.shape[1] == 2:
         # A boundary of an edge is its two end points: one enters, one leaves.
@@ -148,7 +152,8 @@ def is_watertight(F: np.ndarray) -> bool:
 
 def _surface(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
-    check_indices("F", F, len(V), "vertices")
+    if len(F):
+        check_indices("F", F, len(V), "vertices")
     return V, F
 
 

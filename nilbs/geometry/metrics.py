@@ -7,7 +7,7 @@ from nilbs.geometry.facets import components, facet_areas, facet_normals, is_wat
 from nilbs.geometry.sampling import facet_samples
 from nilbs.geometry.validation import arrays, check_indices
 
-# Chamfer, Hausdorff and F-score share this yardstick: within 1 % of the unit is near enough.
+# The F-score counts a sample as reached within this part of the unit.
 _F_SCORE_DISTANCE = 0.01
 
 
@@ -108,8 +108,9 @@ def surface_scores(
     (True, 1.0, 1, True)
     """
     U, F, U_true, F_true = arrays(U=(U, "n d"), F=(F, "m d", int), U_true=(U_true, "k d"), F_true=(F_true, "l d", int))
-    check_indices("F", F, len(U), "vertices")
-    check_indices("F_true", F_true, len(U_true), "vertices")
+    for name, faces, vertices in (("F", F, U), ("F_true", F_true, U_true)):
+        if len(faces):
+            check_indices(name, faces, len(vertices), "vertices")
     if not unit > 0:
         raise ValueError(f"unit must be positive, got {unit}")
     if n < 1:

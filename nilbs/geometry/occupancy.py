@@ -51,9 +51,9 @@ def winding_number(V: np.ndarray, F: np.ndarray, x: np.ndarray, *, exact: bool =
     array([1., 0.])
     """
     V, F, x = arrays(V=(V, "n d"), F=(F, "m d", int), x=(x, "p d"))
-    check_indices("F", F, len(V), "vertices")
-    if not len(F) or not len(x):
+    if not len(F):
         return np.zeros(len(x))
+    check_indices("F", F, len(V), "vertices")
     if V.shape[1] == 2:
         return _curve_winding_number(V, F, x)
     import igl

@@ -122,7 +122,8 @@ def element_samples(
     True
     """
     V, T = arrays(V=(V, "n d"), T=(T, "t d+1", int))
-    check_indices("T", T, len(V), "vertices")
+    if len(T):
+        check_indices("T", T, len(V), "vertices")
     volume = np.abs(np.linalg.det(V[T[:, 1:]] - V[T[:, :1]])) / math.factorial(V.shape[1])
     element = _weighted_choice(volume, n, "volume mesh", rng)
     barycentric = _uniform_barycentric(n, V.shape[1] + 1, rng)
