@@ -1,9 +1,7 @@
 """Skinning weights: `.dmat` and `.npz` files."""
 
 import io
-import math
 import os
-import re
 import struct
 import zipfile
 import zlib
@@ -15,13 +13,10 @@ from nilbs.io.atomic import replacing
 from nilbs.io.bounded import SIZE_LIMIT, file_bytes
 from nilbs.io.dmat import read_dmat, write_dmat
 from nilbs.io.errors import FileFormatError, check_suffix
+from nilbs.io.npy import npy_array
 
 _MEMBER = "W.npy"
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that numpy writes
-_NPY_HEADER = re.compile(
-    r"\{'descr': '([<>|][fiu][1248])', 'fortran_order': (True|False), "
-    r"'shape': \((\d{1,18}(?:, ?\d{1,18})*),?\),? *\}\s*"
-)
 
 
 def read_weights(path: str | os.PathLike) -> np.ndarray:
@@ -110,25 +105,4 @@ def _read_npz(path: str | os.PathLike) -> np.ndarray:
         raise FileFormatError(path, f"the file holds no array W, but {', '.join(names[:5]) or 'nothing'}")
     if member is None:
         raise FileFormatError(path, f"W is empty, larger than {SIZE_LIMIT >> 30} GiB or packed in an unknown way")
-    return _npy_array(path, member)
-
-
-def _npy_array(path: str | os.PathLike, data: bytes) -> np.ndarray:
-    long = data[6:7] in (b"\2", b"\3")
-    start = 12 if long else 10
-    end = start + int.from_bytes(data[8:start], "little")
-    header = _NPY_HEADER.fullmatch(data[start : min(end, 2**16)].decode("latin-1"))
-    if not data.startswith(b"\x93NUMPY") or not header:
-        raise FileFormatError(path, "W is not a plain array of numbers")
-    try:
-        kind = np.dtype(header[1])
-    except TypeError:
-        raise FileFormatError(path, f"W is of the unknown type {header[1]}") from None
-    shape = tuple(int(size) for size in header[3].split(","))
-    if math.prod(shape) * kind.itemsize != len(data) - end:
-        raise FileFormatError(path, f"W claims the shape {shape}, but holds {len(data) - end} bytes")
-    with np.errstate(invalid="ignore"):  # a signalling NaN is reported below
-        W = np.frombuffer(data, kind, offset=end).astype(np.float64)
-    if not np.isfinite(W).all():
-        raise FileFormatError(path, "W holds a number that is not finite")
-    return W.reshape(shape, order="F" if header[2] == "True" else "C")
+    return npy_array(path, member, "W")

@@ -2,7 +2,7 @@ import os
 
 import pytest
 
-from nilbs.io import FileFormatError, bounded, read_dmat, read_mesh, read_motion_json, read_tgf, read_weights
+from nilbs.io import FileFormatError, bounded, read_dmat, read_mesh, read_motion_json, read_npy, read_tgf, read_weights
 from nilbs.io.errors import check_suffix
 
 READERS = {
@@ -11,6 +11,7 @@ READERS = {
     "a.tgf": read_tgf,
     "a.dmat": read_dmat,
     "a.npz": read_weights,
+    "a.npy": read_npy,
     "a.json": lambda path: read_motion_json(path, ["bone0"], 3),
 }
 

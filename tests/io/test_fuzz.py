@@ -13,12 +13,14 @@ from nilbs.io import (
     read_dmat,
     read_mesh,
     read_motion_json,
+    read_npy,
     read_tgf,
     read_transforms,
     read_weights,
     write_dmat,
     write_mesh,
     write_motion_json,
+    write_npy,
     write_tgf,
     write_weights,
 )
@@ -121,6 +123,11 @@ FORMATS = {
         _checked_array(read_weights),
         lambda path: write_weights(path, np.eye(3)),
         ["PK\3\4", "PK\1\2", "PK\5\6", "W.npy", "\0\0"],
+    ),
+    "a.npy": (
+        _checked_array(read_npy),
+        lambda path: write_npy(path, np.eye(3)),
+        ["\x93NUMPY", "\1\0", "v\0", "{'descr': '<f8', 'fortran_order': False, 'shape': (", "1", ", ", "), }"],
     ),
     "a.json": (
         _checked_array(lambda path: read_motion_json(path, NAMES, 3)),
