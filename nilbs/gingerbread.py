@@ -86,7 +86,7 @@ def gingerbread(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     if d == 2:
         V, T = _fill(_outline(320), also=_bone_samples(C, BE, spacing=0.013))
         return V, T, C, BE
-    V, F = _cookie(_outline(300))
+    V, F = _cookie(_outline(265))
     return V, F, np.pad(C, ((0, 0), (0, 1))), BE
 
 
