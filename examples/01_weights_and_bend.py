@@ -30,7 +30,7 @@ def main() -> None:
     parser.add_argument("--mesh", type=Path, default=HERE / "assets" / "gingerbread.obj")
     parser.add_argument("--rig", type=Path, default=HERE / "assets" / "gingerbread.tgf")
     parser.add_argument("--bone", help="name of the bone to bend, such as bone2; the one that moves most by default")
-    parser.add_argument("--degrees", type=float, default=45.0)
+    parser.add_argument("--degrees", type=float, default=30.0)
     parser.add_argument("--out", type=Path, default=HERE.parent / "out")
     args = parser.parse_args()
 
@@ -68,7 +68,7 @@ def main() -> None:
             X = linear_blend_skinning(character.V_volume, character.W_volume, pose)
             weight = character.W_volume[:, bone]
             panel.tripcolor(*X.T, character.T, weight, vmin=0, vmax=1, cmap="viridis", shading="gouraud")
-        draw_bones(panel, view, character.C, character.BE, B=pose)
+        draw_bones(panel, view, character.C, character.BE, B=pose, colour="#d55e00")
         plain(panel, title=name, lower=lower, upper=upper)
     figure.colorbar(colours, ax=panels, fraction=0.03, label=f"weight of {character.names[bone]}")
     print(write_png(figure, args.out / "01_weights_and_bend.png"))

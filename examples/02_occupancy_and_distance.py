@@ -53,9 +53,8 @@ def main() -> None:
 
     # 3. Signed distance, in mesh units: its sign is the occupancy, its length is true.
     distance = signed_distance(U, F, x)
-    print(
-        f"distance {distance.min():.4f} to {distance.max():.4f}; negative where inside: {((distance < 0) == inside).all()}"
-    )
+    print(f"distance {distance.min():.4f} to {distance.max():.4f}, negative at {(distance < 0).sum()} points,", end=" ")
+    print(f"of which {(inside & (distance < 0)).sum()} are inside")
 
     # 4. A surface of points at one distance, with L the longest edge of the rest mesh's bounding box.
     grid = Grid.box(U, args.resolution, pad=0.1)
