@@ -128,36 +128,48 @@ def read_motion_json(
     >>> read_motion_json(path, ("bone0", "bone1"), 2)[0].squeeze(-1).round(4).tolist()
     [[0.0, 0.0], [0.0, 1.5708]]
     """
-    motion = _json(path)
-    if not isinstance(motion, dict) or not isinstance(motion.get("frames"), list):
-        raise FileFormatError(path, 'the file must hold one object with a list "frames"')
-    unknown = sorted(set(motion) - {"frames", "fps"})
-    if unknown:
-        raise FileFormatError(path, f'unknown entry {unknown[0]!r} beside "frames" and "fps"')
-    if "fps" in motion and not _vector(motion["fps"], 1):
-        raise FileFormatError(path, '"fps" must be a number')
-    frames = motion["frames"]
-    if not frames:
-        raise FileFormatError(path, "the motion has no frame")
-    bones = {name: b for b, name in enumerate(names)}
-    r = 1 if d == 2 else 3
-    degrees = np.zeros((len(frames), len(bones), r))
-    root_translation = np.zeros((len(frames), d))
-    for t, frame in enumerate(frames):
-        if not isinstance(frame, dict):
-            raise FileFormatError(path, f"frame {t} must be an object of bone names and rotations")
-        for name, value in frame.items():
-            if name != _ROOT and name not in bones:
-                raise FileFormatError(path, f"frame {t}: the rig has no bone {name[:80]!r}")
-            numbers = _vector(value, d if name == _ROOT else r)
-            if not numbers:
-                wanted = f"{d} finite numbers" if name == _ROOT else ("one angle" if r == 1 else "three angles")
-                raise FileFormatError(path, f"frame {t}, {name}: expected {wanted}, got {json.dumps(value)[:80]}")
-            if name == _ROOT:
-                root_translation[t] = numbers
-            else:
-                degrees[t, bones[name]] = numbers
-    return np.radians(degrees), root_translation
+    return _rotations(path, _frames(path), names, d)
+
+
+def read_any_motion_json(path: str | os.PathLike) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Read local rotations where the rig is not known: names and dimension are those that the file uses.
+
+    Parameters
+    ----------
+    path : str or path
+        As for `read_motion_json`.
+
+    Returns
+    -------
+    names : tuple of b str
+        The bones that the file turns, in the order in which it names them.
+    theta : (t, b, 1) or (t, b, 3) float array
+        Their local rotation vectors, in radians; (t, b, 1) where the first rotation or translation is one of the plane.
+    root_translation : (t, 2) or (t, 3) float array
+        In the character's units.
+
+    Raises
+    ------
+    FileFormatError
+        As for `read_motion_json`.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "wave.json"
+    >>> _ = path.write_text('{"frames": [{"arm": 90}]}')
+    >>> read_any_motion_json(path)[0]
+    ('arm',)
+    """
+    frames = _frames(path)
+    entries = [entry for frame in frames if isinstance(frame, dict) for entry in frame.items()]
+    names = tuple(dict.fromkeys(name for name, _ in entries if name != _ROOT))
+    flat = {1, 2}  # numbers of one angle, of one translation in the plane
+    sizes = [len(value) if isinstance(value, list) else 1 for _, value in entries]
+    theta, root_translation = _rotations(path, frames, names, 2 if sizes and sizes[0] in flat else 3)
+    return names, theta, root_translation
 
 
 def write_motion_json(
@@ -203,6 +215,45 @@ def write_motion_json(
         rows.append(json.dumps({**dict(zip(names, angles, strict=True)), _ROOT: translation}))
     with replacing(path, "w") as file:
         file.write('{"frames": [\n' + ",\n".join(rows) + "\n]}\n")
+
+
+def _frames(path: str | os.PathLike) -> list:
+    """The list of frames of a motion, not yet read."""
+    motion = _json(path)
+    if not isinstance(motion, dict) or not isinstance(motion.get("frames"), list):
+        raise FileFormatError(path, 'the file must hold one object with a list "frames"')
+    unknown = sorted(set(motion) - {"frames", "fps"})
+    if unknown:
+        raise FileFormatError(path, f'unknown entry {unknown[0]!r} beside "frames" and "fps"')
+    if "fps" in motion and not _vector(motion["fps"], 1):
+        raise FileFormatError(path, '"fps" must be a number')
+    if not motion["frames"]:
+        raise FileFormatError(path, "the motion has no frame")
+    return motion["frames"]
+
+
+def _rotations(
+    path: str | os.PathLike, frames: list, names: tuple[str, ...] | list[str], d: int
+) -> tuple[np.ndarray, np.ndarray]:
+    bones = {name: b for b, name in enumerate(names)}
+    r = 1 if d == 2 else 3
+    degrees = np.zeros((len(frames), len(bones), r))
+    root_translation = np.zeros((len(frames), d))
+    for t, frame in enumerate(frames):
+        if not isinstance(frame, dict):
+            raise FileFormatError(path, f"frame {t} must be an object of bone names and rotations")
+        for name, value in frame.items():
+            if name != _ROOT and name not in bones:
+                raise FileFormatError(path, f"frame {t}: the rig has no bone {name[:80]!r}")
+            numbers = _vector(value, d if name == _ROOT else r)
+            if not numbers:
+                wanted = f"{d} finite numbers" if name == _ROOT else ("one angle" if r == 1 else "three angles")
+                raise FileFormatError(path, f"frame {t}, {name}: expected {wanted}, got {json.dumps(value)[:80]}")
+            if name == _ROOT:
+                root_translation[t] = numbers
+            else:
+                degrees[t, bones[name]] = numbers
+    return np.radians(degrees), root_translation
 
 
 def _json(path: str | os.PathLike) -> object:

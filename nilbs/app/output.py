@@ -1,0 +1,81 @@
+"""What a command says on standard output: one JSON object, or a table for people."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+
+def show(values: Mapping[str, Any], *, as_json: bool, table: str | None = None) -> None:
+    """Print the results of a command.
+
+    Parameters
+    ----------
+    values : mapping
+        Names and values: numbers, text, lists, mappings, arrays.
+    as_json : bool
+        Print one JSON object.
+    table : str, optional
+        What to print otherwise; a row for each value by default.
+
+    Examples
+    --------
+    >>> show({"seconds": 1.25, "energy": float("nan")}, as_json=True)
+    {"seconds": 1.25, "energy": null}
+    >>> show({"seconds": 1.25, "energy": 3.0}, as_json=False)
+    seconds  1.25
+    energy   3
+    """
+    if as_json:
+        print(json.dumps(plain(values), allow_nan=False))
+    else:
+        print(rows(values) if table is None else table)
+
+
+def plain(value: Any) -> Any:
+    """The same value in types that JSON knows; a number that is not finite is None.
+
+    Examples
+    --------
+    >>> plain({"a": (1, float("inf"))})
+    {'a': [1, None]}
+    """
+    if isinstance(value, Mapping):
+        return {str(name): plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if hasattr(value, "tolist"):  # of numpy, which is not imported for this
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
+
+
+def rows(values: Mapping[str, Any], indent: str = "") -> str:
+    """A line for each value, aligned; lists inside one line, mappings one level deeper.
+
+    Examples
+    --------
+    >>> print(rows({"vertices": 6034, "watertight": True, "box": [0.0, 1.5]}))
+    vertices    6034
+    watertight  yes
+    box         0, 1.5
+    """
+    width = max(map(len, values), default=0)
+    lines = []
+    for name, value in plain(values).items():
+        if isinstance(value, dict):
+            lines += [f"{indent}{name}", rows(value, indent + "  ")]
+        else:
+            lines.append(f"{indent}{name.replace('_', ' '):<{width}}  {_text(value)}")
+    return "\n".join(lines)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None:
+        return "-"
+    if isinstance(value, list):
+        return ", ".join(map(_text, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

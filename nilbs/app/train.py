@@ -1,0 +1,121 @@
+"""`nilbs train`: fit a field to a rigged mesh and its motion, and write it as one file."""
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+from nilbs.app.options import add_json, add_seed, not_negative, whole
+
+if TYPE_CHECKING:
+    from nilbs.character import Character
+    from nilbs.motion import Motion
+
+FRAMES = 100
+AMPLITUDE = 0.4  # rad
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument(
+        "mesh", metavar="MESH", help="the rest mesh, .obj or .ply; a flat one (z = 0) is two-dimensional"
+    )
+    parser.add_argument("rig", metavar="RIG", help="its joints and bones, .tgf")
+    parser.add_argument("--motion", metavar="FILE", help="a motion, .dmat or .json; smooth random motion by default")
+    parser.add_argument(
+        "--weights", metavar="FILE", help="skinning weights, .dmat or .npz; bounded biharmonic weights by default"
+    )
+    parser.add_argument(
+        "--frames",
+        type=whole(1),
+        default=FRAMES,
+        metavar="N",
+        help=f"how many evenly spaced frames to train on (default {FRAMES})",
+    )
+    parser.add_argument(
+        "--amplitude",
+        type=not_negative,
+        metavar="RAD",
+        help=f"rms local rotation of every bone but the roots in random motion (default {AMPLITUDE})",
+    )
+    parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on from the checkpoint MODEL.checkpoint, if there is one"
+    )
+    parser.add_argument(
+        "--device", default="auto", metavar="NAME", help="cpu, cuda, ...; a GPU where there is one by default"
+    )
+    parser.add_argument("-o", "--output", metavar="MODEL", required=True, help="where to write the model: model.nilbs")
+    add_seed(parser)
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Train, write and report."""
+    from time import perf_counter
+
+    from nilbs.app.output import show
+    from nilbs.character import load_character
+    from nilbs.io import check_suffix, check_writable
+
+    # Before the work: what would fail only after it.
+    check_suffix(args.output, ".nilbs")
+    check_writable(args.output)
+    if args.motion is not None and args.amplitude is not None:
+        raise ValueError("--amplitude is of random motion: it cannot stand beside --motion")
+    start = perf_counter()
+    character = load_character(args.mesh, args.rig, args.weights, progress=True, report=_report)
+    motion = _motion(args, character)
+
+    from nilbs.fitting import fit, remove_checkpoint
+
+    checkpoint = f"{args.output}.checkpoint"
+    settings = {"seed": args.seed} | ({} if args.steps is None else {"steps": args.steps})
+    try:
+        model = fit(
+            character,
+            motion,
+            device=args.device,
+            checkpoint=checkpoint,
+            resume=args.resume,
+            progress=True,
+            report=_report,
+            **settings,
+        )
+    except KeyboardInterrupt as interrupt:
+        interrupt.add_note("the same command with --resume goes on from the last checkpoint")
+        raise
+    model.save(args.output)
+    remove_checkpoint(checkpoint)
+    values = {
+        "model": args.output,
+        "loss": model.history[-100:].mean(),  # of the last steps: that of one step is noisy
+        "seconds": perf_counter() - start,
+        "peak_memory_mib": peak_memory_mib(),
+        "frames": len(motion),
+        "motion": motion.source,
+        "steps": len(model.history),
+        "seed": args.seed,
+    }
+    show(values, as_json=args.json)
+
+
+def peak_memory_mib() -> float | None:
+    """The most memory that this process has held, in MiB; None where the system does not tell."""
+    try:
+        from resource import RUSAGE_SELF, getrusage
+    except ImportError:  # Windows
+        return None
+    return getrusage(RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def _motion(args: argparse.Namespace, character: "Character") -> "Motion":
+    from nilbs.motion import random_motion, read_motion
+
+    if args.motion is not None:
+        return read_motion(args.motion, character).take(args.frames)
+    amplitude = AMPLITUDE if args.amplitude is None else args.amplitude
+    return random_motion(character, frames=args.frames, amplitude=amplitude, seed=args.seed)
+
+
+def _report(line: str) -> None:
+    print(f"nilbs: {line}", file=sys.stderr)
