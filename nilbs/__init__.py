@@ -12,12 +12,13 @@ if TYPE_CHECKING:
     from nilbs.character import assemble as assemble
     from nilbs.character import load_character as load_character
     from nilbs.evaluation import evaluate as evaluate
+    from nilbs.fitting import fit as fit
     from nilbs.model import Model as Model
-    from nilbs.model import fit as fit
     from nilbs.model import load_model as load_model
     from nilbs.motion import Motion as Motion
     from nilbs.motion import random_motion as random_motion
     from nilbs.motion import read_motion as read_motion
+    from nilbs.settings import Settings as Settings
 
 _HOMES = {
     "Character": "character",
@@ -25,8 +26,9 @@ _HOMES = {
     "load_character": "character",
     "evaluate": "evaluation",
     "Model": "model",
-    "fit": "model",
+    "fit": "fitting",
     "load_model": "model",
+    "Settings": "settings",
     "Motion": "motion",
     "random_motion": "motion",
     "read_motion": "motion",

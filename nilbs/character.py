@@ -323,7 +323,7 @@ def _boundary(V: np.ndarray, E: np.ndarray) -> np.ndarray:
 
 
 def _normalized(W: np.ndarray, n: int, b: int, report: Report) -> np.ndarray:
-    (W,) = arrays(W=(W, "rows columns"))
+    (W,) = arrays(W=(W, "n b"))
     if W.shape != (n, b):
         raise ValueError(
             f"the weights have {W.shape[0]} rows and {W.shape[1]} columns, but the mesh has {n} vertices and the rig "

@@ -34,7 +34,7 @@ def bone_parents(BE: np.ndarray) -> np.ndarray:
     array([-1,  0,  0])
     """
     (BE,) = arrays(BE=(BE, "b 2", int))
-    ending = {}
+    ending: dict[int, int] = {}
     for bone, (first, second) in enumerate(BE.tolist()):
         if first == second:
             raise ValueError(f"bone {bone} starts and ends at joint {first}")
@@ -138,7 +138,8 @@ def forward_kinematics(
     B = rigid_transforms(R, center - (R @ center[:, :, None])[..., 0])
     if root_translation is not None:
         (root_translation,) = arrays(root_translation=(root_translation, f"... {d}"))
-        B[..., P < 0, :d, d] += root_translation[..., None, :]
+        translation = B[..., :d, d]
+        translation[..., P < 0, :] += root_translation[..., None, :]
     for bone in bone_order(P):
         if P[bone] >= 0:
             B[..., bone, :, :] = B[..., P[bone], :, :] @ B[..., bone, :, :]

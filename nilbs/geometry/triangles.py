@@ -91,7 +91,7 @@ class _Triangulation:
         self.corners = T.copy()
         self.n, self.t = len(V), len(T)
         self.tolerance = tolerance
-        self.left = {}
+        self.left: dict[tuple[int, int], int] = {}
         for i in range(self.t):
             self._register(i)
 

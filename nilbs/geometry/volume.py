@@ -63,9 +63,9 @@ def boundary_facets(T: np.ndarray) -> np.ndarray:
     """
     (T,) = arrays(T=(T, "t d+1", int))
     if T.shape[1] == 3:
-        sides = ((0, 1), (1, 2), (2, 0))
+        sides = np.array([[0, 1], [1, 2], [2, 0]])
     else:
-        sides = ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))
-    F = T[:, np.array(sides)].reshape(-1, T.shape[1] - 1)
+        sides = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+    F = T[:, sides].reshape(-1, T.shape[1] - 1)
     _, index, count = np.unique(np.sort(F, axis=1), axis=0, return_index=True, return_counts=True)
     return F[np.sort(index[count == 1])]

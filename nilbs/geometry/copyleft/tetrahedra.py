@@ -1,5 +1,8 @@
 """Tetrahedra that fill a closed surface and hold the bones, by TetGen (AGPL, inside libigl's copyleft module)."""
 
+from contextlib import chdir
+from tempfile import TemporaryDirectory
+
 import numpy as np
 
 from nilbs.geometry.handles import bone_samples
@@ -65,7 +68,9 @@ def conforming_tetrahedra(
     center = (V.min(axis=0) + V.max(axis=0)) / 2
     points = np.concatenate([V, bone_samples(C, BE, samples_per_bone)])
     try:
-        V_volume, T = tetgen.tetrahedralize((points - center) / size, F, flags="pq2YQ")[:2]
+        # Where TetGen gives up it leaves files in the working folder.
+        with TemporaryDirectory() as folder, chdir(folder):
+            V_volume, T = tetgen.tetrahedralize((points - center) / size, F, flags="pq2YQ")[:2]
     except RuntimeError as error:
         raise ValueError(
             f"TetGen could not fill the surface with tetrahedra ({error}): it must be closed and must not cross itself"

@@ -1,0 +1,89 @@
+"""Posed surfaces from a field, without asking it at every node of a fine grid."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.isosurface import isosurface
+
+# A block of cells is looked into where the rest distance at one of its corners is below this many block diagonals.
+# Distance changes at most as fast as position at rest; the margin is for stretched skin and for the blend's own slope.
+MARGIN = 1.5
+
+
+def field_surface(
+    values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], grid: Grid, *, stride: int = 4
+) -> tuple[np.ndarray, np.ndarray]:
+    """Surface of a field on a grid, by asking coarsely first.
+
+    Parameters
+    ----------
+    values : function of (n, d) points
+        Returns two (n,) arrays: the level, negative inside, and the distance that tells how near the surface may be.
+    grid : Grid
+        Where the surface is wanted.
+    stride : int
+        Edge of a block in cells; 1 asks at every node.
+
+    Returns
+    -------
+    U : (n, d) float array
+        Vertices, in mesh units.
+    F : (m, d) int array
+        Facets, oriented outward.
+    """
+    levels, _ = node_levels(values, grid, stride=stride)
+    return isosurface(levels, grid)
+
+
+def node_levels(
+    values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], grid: Grid, *, stride: int
+) -> tuple[np.ndarray, int]:
+    """Levels at the nodes of a grid, exact near the surface and of the right sign elsewhere.
+
+    Parameters
+    ----------
+    values, grid, stride
+        As for `field_surface`.
+
+    Returns
+    -------
+    levels : array of shape grid.shape
+    asked : int
+        At how many nodes the field was asked.
+    """
+    shape = np.array(grid.shape)
+    blocks = -(-(shape - 1) // stride)
+    coarse = np.minimum(np.argwhere(np.ones(blocks + 1, dtype=bool)) * stride, shape - 1)
+    level, distance = values(grid.origin + grid.spacing * coarse)
+    level, distance = level.reshape(blocks + 1), distance.reshape(blocks + 1)
+    levels = np.empty(grid.shape)
+    # Far from the surface only the sign matters; every node takes its block's first corner, then the fine ones follow.
+    nodes = np.ix_(*(np.arange(n) // stride for n in shape))
+    levels[...] = level[nodes]
+    near = _any_corner(np.abs(distance) < MARGIN * stride * grid.spacing * np.sqrt(len(shape)), level < 0)
+    fine = np.zeros(grid.shape, dtype=bool)
+    for axis_offsets in np.ndindex(*(2,) * len(shape)):
+        # A node on the border of two blocks belongs to both.
+        index = np.ix_(
+            *(
+                np.clip((np.arange(n) - offset) // stride, 0, b - 1)
+                for n, b, offset in zip(shape, blocks, axis_offsets, strict=True)
+            )
+        )
+        fine |= near[index]
+    asked = np.argwhere(fine)
+    levels[fine] = values(grid.origin + grid.spacing * asked)[0]
+    return levels, len(coarse) + len(asked)
+
+
+def _any_corner(close: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Blocks with a corner close to the surface, or with corners on both sides of it."""
+    d = close.ndim
+    corners = [
+        tuple(slice(o, n - 1 + o) for o, n in zip(offset, close.shape, strict=True)) for offset in np.ndindex(*(2,) * d)
+    ]
+    some_in = np.logical_or.reduce([inside[corner] for corner in corners])
+    all_in = np.logical_and.reduce([inside[corner] for corner in corners])
+    return np.logical_or.reduce([close[corner] for corner in corners]) | (some_in & ~all_in)

@@ -1,0 +1,114 @@
+"""The NiLBS method: posed point -> weights -> inverse of the blended transform -> rest point -> cached value."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from nilbs.fields.cache import RestCache
+from nilbs.fields.network import WeightNetwork
+
+
+class FieldValues(NamedTuple):
+    """What the field knows of posed points: all (p, n) but the weights (p, n, b+1) and rest points (p, n, d)."""
+
+    logits: Tensor
+    x_rest: Tensor
+    distance: Tensor
+
+    @property
+    def weights(self) -> Tensor:
+        """Skinning weights and, last, the ghost bone's."""
+        return torch.softmax(self.logits, dim=-1)
+
+    @property
+    def log_solid(self) -> Tensor:
+        """Logarithm of 1 - ghost, the factor of eq. 8."""
+        bones, ghost = self.logits[..., :-1], self.logits[..., -1]
+        rest = torch.logsumexp(bones, dim=-1)
+        return nn.functional.logsigmoid(rest - ghost)
+
+
+class NilbsField(nn.Module):
+    """Occupancy of a posed character by the paper's inverse map (eq. 6) and ghost bone (eq. 8).
+
+    Parameters
+    ----------
+    network : WeightNetwork
+        W(x | theta).
+    cache : RestCache
+        The rest shape.
+    root : int
+        Bone whose transform the ghost bone copies.
+    """
+
+    def __init__(self, network: WeightNetwork, cache: RestCache, *, root: int) -> None:
+        super().__init__()
+        self.network, self.cache, self.root = network, cache, root
+
+    def forward(self, x: Tensor, B: Tensor) -> FieldValues:
+        """Weights, rest image and cached distance of posed points.
+
+        Parameters
+        ----------
+        x : (p, n, d) tensor
+            Posed points, n for each pose, in mesh units.
+        B : (p, b, d+1, d+1) tensor
+            Poses, rest to posed.
+        """
+        logits = self.network(x, B)
+        x_rest = inverse_map(x, torch.softmax(logits, dim=-1), B, root=self.root)
+        return FieldValues(logits, x_rest, self.cache.distance(x_rest))
+
+    def logit(self, values: FieldValues, *, ghost: bool = True) -> Tensor:
+        """Logit (p, n) of occupancy: positive inside, and smooth where occupancy itself has saturated."""
+        inside = -values.distance / self.cache.width
+        if not ghost:
+            return inside
+        # With p = (1 - g) s(z): logit p = log(1 - g) + log s(z) - log(1 - p), and 1 - p = s(-z) + g s(z).
+        log_solid = values.log_solid
+        log_ghost = torch.log_softmax(values.logits, dim=-1)[..., -1]
+        log_outside = torch.logaddexp(nn.functional.logsigmoid(-inside), log_ghost + nn.functional.logsigmoid(inside))
+        return log_solid + nn.functional.logsigmoid(inside) - log_outside
+
+
+def inverse_map(x: Tensor, W: Tensor, B: Tensor, *, root: int) -> Tensor:
+    """Rest image of posed points: the inverse of the blended transform, applied to the point (eq. 6).
+
+    Parameters
+    ----------
+    x : (p, n, d) tensor
+        Posed points.
+    W : (p, n, b+1) tensor
+        Weights, the ghost bone's last; rows sum to one.
+    B : (p, b, d+1, d+1) tensor
+        Poses, rest to posed.
+    root : int
+        Bone whose transform the ghost bone copies.
+
+    Returns
+    -------
+    x_rest : (p, n, d) tensor
+        Where the blend is all but singular its determinant is held at 1e-4, which sends the point far away.
+    """
+    d = x.shape[-1]
+    B = torch.cat([B, B[:, root : root + 1]], dim=1)[:, :, :d]
+    # One product for all points: rows are the entries of the blend, column by column, so that each lies together.
+    blend = B.transpose(2, 3).reshape(len(B), B.shape[1], -1).mT @ W.mT
+    columns = blend.reshape(len(B), d + 1, d, -1)
+    moved = x.mT - columns[:, d]
+    if d == 2:
+        (a, c), (b, e) = columns[:, 0].unbind(1), columns[:, 1].unbind(1)
+        determinant = a * e - b * c
+        u, v = moved.unbind(1)
+        solution = torch.stack([e * u - b * v, a * v - c * u], dim=-1)
+    else:
+        first, second, third = columns[:, 0], columns[:, 1], columns[:, 2]
+        normal = torch.linalg.cross(second, third, dim=1)
+        determinant = (first * normal).sum(dim=1)
+        # Cramer's rule, with triple products turned so that two cross products serve all three.
+        turned = torch.linalg.cross(first, moved, dim=1)
+        solution = torch.stack([(moved * normal).sum(1), (turned * third).sum(1), -(turned * second).sum(1)], dim=-1)
+    held = determinant.abs() < 1e-4
+    determinant = torch.where(held, torch.where(determinant < 0, -1e-4, 1e-4).to(determinant), determinant)
+    return solution / determinant[..., None]

@@ -1,0 +1,149 @@
+"""Training data: labelled points of posed characters, and rest points whose weights are known."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nilbs.geometry.facets import facet_normals
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.sampling import element_samples, facet_samples, near_surface_samples, uniform_samples
+from nilbs.geometry.skinning import linear_blend_skinning
+
+
+@dataclass(frozen=True)
+class OccupancySamples:
+    """Points around the posed mesh of each frame, and whether they are inside.
+
+    Attributes
+    ----------
+    x : (t, m, d) float32 array
+        Half of them uniform in the cube around the posed mesh, half near its surface.
+    inside : (t, m) bool array
+        Truth: absolute winding number of the posed mesh above one half.
+    """
+
+    x: np.ndarray
+    inside: np.ndarray
+
+
+@dataclass(frozen=True)
+class RestSamples:
+    """Rest points and their skinning weights.
+
+    Attributes
+    ----------
+    x_rest : (m, d) float32 array
+        Rest points.
+    W : (m, b) float32 array
+        Their weights.
+    """
+
+    x_rest: np.ndarray
+    W: np.ndarray
+
+
+def occupancy_samples(
+    V: np.ndarray,
+    F: np.ndarray,
+    W: np.ndarray,
+    B: Iterable[np.ndarray],
+    *,
+    n: int,
+    noise: float,
+    rng: np.random.Generator,
+) -> OccupancySamples:
+    """Label n points of every posed frame.
+
+    Parameters
+    ----------
+    V, F, W : arrays
+        Rest vertices (k, d), facets (m, d) and skinning weights (k, b).
+    B : iterable of (b, d+1, d+1) float arrays
+        Poses; one that shows progress is welcome.
+    n : int
+        Points a frame, half of them uniform and half near the surface.
+    noise : float
+        Standard deviation of the points near the surface, in mesh units. A quarter of them lie four times as far, so
+        that what is just outside is seen too.
+    rng : numpy.random.Generator
+        Where chance comes from.
+
+    Returns
+    -------
+    samples : OccupancySamples
+    """
+    points, inside = [], []
+    for pose in B:
+        U = linear_blend_skinning(V, W, pose)
+        cube = Grid.cube(U, 1)
+        uniform = uniform_samples(cube.lower, cube.upper, n // 2, rng=rng)
+        far = (n - n // 2) // 4
+        near = near_surface_samples(U, F, n - n // 2 - far, std=noise, rng=rng)
+        x = np.concatenate([uniform, near, near_surface_samples(U, F, far, std=4 * noise, rng=rng)])
+        points.append(x.astype(np.float32))
+        inside.append(occupancy(U, F, x))
+    return OccupancySamples(np.stack(points), np.stack(inside))
+
+
+def surface_samples(V: np.ndarray, W: np.ndarray) -> RestSamples:
+    """The rest vertices with their weights: the paper's own supervision."""
+    return RestSamples(V.astype(np.float32), W.astype(np.float32))
+
+
+def volume_samples(
+    V: np.ndarray,
+    F: np.ndarray,
+    V_volume: np.ndarray,
+    T: np.ndarray,
+    W_volume: np.ndarray,
+    *,
+    n: int,
+    shell: float,
+    rng: np.random.Generator,
+) -> RestSamples:
+    """Rest points inside the volume, and in a thin shell around the surface, with their weights.
+
+    Parameters
+    ----------
+    V, F : arrays
+        Rest surface, (k, d) and (m, d).
+    V_volume, T, W_volume : arrays
+        Volume mesh and its weights, (k', d), (t, d+1) and (k', b); the surface's vertices come first. Where T is empty
+        all points are taken from the shell.
+    n : int
+        How many points.
+    shell : float
+        Standard deviation of the distance from the surface, in mesh units, of points taken along its normals; they have
+        the weights of the surface point that they left.
+    rng : numpy.random.Generator
+        Where chance comes from.
+
+    Returns
+    -------
+    samples : RestSamples
+    """
+    solid = n // 2 if len(T) else 0
+    base, facet = facet_samples(V, F, n - solid, rng=rng)
+    W_shell = _at_facets(V, F, W_volume, base, facet)
+    shell_points = base + shell * rng.standard_normal((n - solid, 1)) * facet_normals(V, F)[facet]
+    if not solid:
+        return RestSamples(shell_points.astype(np.float32), W_shell.astype(np.float32))
+    x, element, barycentric = element_samples(V_volume, T, solid, rng=rng)
+    W = np.einsum("nc,ncb->nb", barycentric, W_volume[T[element]])
+    return RestSamples(
+        np.concatenate([x, shell_points]).astype(np.float32), np.concatenate([W, W_shell]).astype(np.float32)
+    )
+
+
+def _at_facets(V: np.ndarray, F: np.ndarray, W: np.ndarray, x: np.ndarray, facet: np.ndarray) -> np.ndarray:
+    """Weights of points on facets, by least-squares barycentric coordinates."""
+    corners = V[F[facet]]
+    edges = corners[:, 1:] - corners[:, :1]
+    gram = edges @ edges.transpose(0, 2, 1)
+    # A facet without area has any coordinates; the small diagonal picks one instead of failing.
+    gram += 1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1]) + 1e-300
+    rest = np.linalg.solve(gram, edges @ (x - corners[:, 0])[:, :, None])[:, :, 0]
+    barycentric = np.concatenate([1 - rest.sum(axis=1, keepdims=True), rest], axis=1)
+    return np.einsum("nc,ncb->nb", barycentric, W[F[facet]])

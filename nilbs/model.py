@@ -1,0 +1,351 @@
+"""A trained model: one object and one file that answers for any point and any pose."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from nilbs.character import Character
+from nilbs.fields.cache import RestCache
+from nilbs.fields.extraction import field_surface
+from nilbs.fields.network import WeightNetwork
+from nilbs.fields.nilbs import FieldValues, NilbsField
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.rotations import rigid_transforms, transform_points
+from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.validation import arrays
+from nilbs.motion import Motion
+from nilbs.settings import Settings
+
+if TYPE_CHECKING:
+    from typing import Self
+
+KIND = "nilbs model 1"
+# Points that go through the network at once: the hidden layers of this many stay in a core's cache.
+CHUNK = 16_384
+
+
+@dataclass
+class Model:
+    """A trained field with the character and the motion that it was trained on.
+
+    Attributes
+    ----------
+    character : Character
+    motion : Motion
+        The training frames.
+    settings : Settings
+    history : (steps,) float array
+        Loss at each training step.
+    field : NilbsField
+        The network and the rest cache, in torch, in the frame of `unit_pose`.
+    """
+
+    character: Character
+    motion: Motion
+    settings: Settings
+    history: np.ndarray
+    field: NilbsField
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """Settings of the training and where its motion came from, as JSON holds them."""
+        return {**asdict(self.settings), "motion": self.motion.source, "frames": len(self.motion)}
+
+    @property
+    def root(self) -> int:
+        """Bone whose frame the field works in, and whose transform the ghost bone copies: the first root."""
+        return root_bone(self.character)
+
+    def occupancy(self, x: np.ndarray, pose: np.ndarray, *, ghost: bool = True) -> np.ndarray:
+        """Occupancy of posed points (eq. 8).
+
+        Parameters
+        ----------
+        x : (n, d) float array
+            Posed points, in mesh units; any number, they are answered in chunks of bounded memory.
+        pose : (b, d+1, d+1) float array
+            Bone transforms, rest to posed.
+        ghost : bool
+            Whether the ghost bone takes part; without it this is eq. 7.
+
+        Returns
+        -------
+        values : (n,) float array
+            Between 0 outside and 1 inside; a point is inside where the value is above one half.
+
+        Raises
+        ------
+        ValueError
+            If x or pose has another shape, or the root's transform is singular.
+        """
+        logits = [self.field.logit(values, ghost=ghost) for values in self._values(x, pose)]
+        return _joined([torch.sigmoid(logit) for logit in logits])
+
+    def distance(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Signed distance of posed points, read at their rest images: that of the *rest* shape, not of the posed one.
+
+        Where skinning stretches, the two differ by the stretch; both vanish on the same surface.
+
+        Parameters
+        ----------
+        x, pose
+            As for `occupancy`.
+
+        Returns
+        -------
+        distance : (n,) float array
+            In mesh units, negative inside.
+        """
+        return _joined([values.distance for values in self._values(x, pose)]) * self.character.L
+
+    def weights(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Weights that the network predicts for posed points.
+
+        Parameters
+        ----------
+        x, pose
+            As for `occupancy`.
+
+        Returns
+        -------
+        W : (n, b+1) float array
+            Rows sum to one; the last column is the ghost bone's.
+        """
+        return _joined([values.weights for values in self._values(x, pose)])
+
+    def rest_points(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """Rest images of posed points (eq. 6).
+
+        Parameters
+        ----------
+        x, pose
+            As for `occupancy`.
+
+        Returns
+        -------
+        x_rest : (n, d) float array
+            In mesh units.
+        """
+        unit = _joined([values.x_rest for values in self._values(x, pose)])
+        return unit * self.character.L + rest_center(self.character)
+
+    def extract(self, pose: np.ndarray, resolution: int = 128) -> tuple[np.ndarray, np.ndarray]:
+        """Surface of the posed character, where occupancy is one half.
+
+        Parameters
+        ----------
+        pose : (b, d+1, d+1) float array
+            Bone transforms, rest to posed.
+        resolution : int
+            Cells along each edge of the cube around the posed character.
+
+        Returns
+        -------
+        U : (n, d) float array
+            Vertices, in mesh units.
+        F : (m, d) int array
+            Triangles (3D) or edges (2D), oriented outward.
+        """
+        U = linear_blend_skinning(self.character.V, self.character.W, pose)
+        return self.extract_on(Grid.cube(U, resolution), pose)
+
+    def extract_on(self, grid: Grid, pose: np.ndarray, *, stride: int = 4) -> tuple[np.ndarray, np.ndarray]:
+        """Surface of the posed character on a grid of one's own; `stride` 1 asks the field at every node."""
+
+        def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            logits, distances = [], []
+            for values in self._values(x, pose):
+                logits.append(self.field.logit(values))
+                distances.append(values.distance)
+            # In mesh units the level is near the signed distance, so that marching cubes' linear interpolation is too.
+            L = self.character.L
+            return -_joined(logits) * self.field.cache.width * L, _joined(distances) * L
+
+        return field_surface(levels, grid, stride=stride)
+
+    def to(self, *, device: str | None = None, dtype: torch.dtype | None = None) -> "Self":
+        """Move the field to a device or a precision, in place."""
+        self.field.to(device=device, dtype=dtype)
+        return self
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to one self-contained file, without pickle.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written; what was there before is kept.
+        """
+        from nilbs.io.archive import write_archive
+
+        contents = {f"field.{name}": tensor.cpu().numpy() for name, tensor in self.field.state_dict().items()}
+        for name in ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume"):
+            contents[f"character.{name}"] = getattr(self.character, name)
+        contents |= {"motion.B": self.motion.B, "motion.frames": self.motion.frames, "history": self.history}
+        text = {
+            "name": self.character.name,
+            "bones": list(self.character.names),
+            "motion": self.motion.source,
+            "spacing": self.field.cache.spacing,
+            "settings": asdict(self.settings),
+        }
+        write_archive(path, contents, text, kind=KIND)
+
+    def _values(self, x: np.ndarray, pose: np.ndarray) -> Iterator[FieldValues]:
+        x, pose = arrays(x=(x, "n d"), pose=(pose, "b d+1 d+1"))
+        wanted = (len(self.character.BE), self.character.d + 1, self.character.d + 1)
+        if pose.shape != wanted:
+            raise ValueError(f"pose must be (b, d+1, d+1) = {wanted}, got {pose.shape}")
+        like = next(self.field.parameters())
+        x_unit, B_unit = in_unit_frame(self.character, x, pose)
+        B = torch.as_tensor(B_unit[None], dtype=like.dtype, device=like.device)
+        for start in range(0, max(len(x_unit), 1), CHUNK):
+            with torch.inference_mode():
+                chunk = torch.as_tensor(x_unit[start : start + CHUNK], dtype=like.dtype, device=like.device)
+                values = self.field(chunk[None], B)
+                yield FieldValues(*(tensor[0] for tensor in values))
+
+
+def load_model(path: str | Path, *, device: str = "cpu") -> Model:
+    """Read a model file.
+
+    Parameters
+    ----------
+    path : path
+        What `Model.save` wrote.
+    device : str
+        Where the field goes; "auto" takes a GPU if there is one.
+
+    Returns
+    -------
+    model : Model
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not a model of this version, or was damaged.
+    OSError
+        If it cannot be opened.
+    """
+    from nilbs.io.archive import read_archive
+    from nilbs.io.errors import FileFormatError
+
+    contents, text = read_archive(path, kind=KIND)
+    try:
+        part = {name.removeprefix("character."): a for name, a in contents.items() if name.startswith("character.")}
+        character = Character(name=str(text["name"]), names=tuple(map(str, text["bones"])), **part)
+        check_character(character)
+        motion = Motion(contents["motion.B"], contents["motion.frames"], str(text["motion"]))
+        settings = Settings.from_mapping(text["settings"])
+        state = {name.removeprefix("field."): a for name, a in contents.items() if name.startswith("field.")}
+        values, origin = state["cache.values"], state["cache.origin"]
+        arrays(values=(values.ravel(), "n"), origin=(origin, f"{character.d}"), history=(contents["history"], "s"))
+        if values.ndim != character.d or min(values.shape) < 2:
+            raise ValueError(f"the rest cache has shape {values.shape}")
+        field = blank_field(character, settings, values, origin, float(text["spacing"]))
+        field.load_state_dict({name: torch.from_numpy(a) for name, a in state.items()})
+        model = Model(character, motion, settings, contents["history"], field)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise FileFormatError(path, f"is not a complete nilbs model: {error}") from None
+    return model.to(device=torch_device(device))
+
+
+def check_character(character: Character) -> None:
+    """Check that a character's arrays fit each other.
+
+    Raises
+    ------
+    ValueError
+        Naming the array that does not.
+    """
+    c = character
+    arrays(
+        V=(c.V, "n d"), F=(c.F, "m d", int), C=(c.C, "k d"), BE=(c.BE, "b 2", int), P=(c.P, "b", int), W=(c.W, "n b"),
+        V_volume=(c.V_volume, "v d"), T=(c.T, "t d+1", int), W_volume=(c.W_volume, "v b"),
+    )  # fmt: skip
+    for name, indices, size in (("F", c.F, len(c.V)), ("BE", c.BE, len(c.C)), ("T", c.T, len(c.V_volume))):
+        if len(indices) and not (indices.min() >= 0 and indices.max() < size):
+            raise ValueError(f"{name} has an index outside 0 to {size - 1}")
+    if len(c.names) != len(c.BE) or not (c.P.min(initial=0) >= -1 and c.P.max(initial=-1) < len(c.BE)):
+        raise ValueError("names or parents of bones do not fit the bones")
+
+
+def blank_field(
+    character: Character, settings: Settings, values: np.ndarray, origin: np.ndarray, spacing: float
+) -> NilbsField:
+    """An untrained field around a rest cache, in the unit frame."""
+    centers = (character.C[character.BE[:, 0]] - rest_center(character)) / character.L
+    dtype = torch.from_numpy(np.zeros(0, dtype=values.dtype)).dtype
+    cache = RestCache(torch.as_tensor(values), torch.as_tensor(origin), spacing, width=settings.cache_width)
+    network = WeightNetwork(torch.as_tensor(centers), scale=1.0, width=settings.width, depth=settings.depth)
+    return NilbsField(network, cache, root=root_bone(character)).to(dtype)
+
+
+def rest_center(character: Character) -> np.ndarray:
+    """Centre (d,) of the rest mesh's bounding box."""
+    return (character.V.min(axis=0) + character.V.max(axis=0)) / 2
+
+
+def root_bone(character: Character) -> int:
+    """The first bone without a parent."""
+    return int(np.flatnonzero(character.P < 0)[0])
+
+
+def in_unit_frame(character: Character, x: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points and poses as the field sees them: relative to the root bone, centred, in units of L.
+
+    The field thereby gives one and the same answer for a character and its rigidly moved, scaled or far-away copy;
+    what single precision would lose far from the origin is taken off in double precision first.
+
+    Parameters
+    ----------
+    character : Character
+    x : (..., n, d) float array
+        Posed points.
+    B : (..., b, d+1, d+1) float array
+        Poses, rest to posed.
+
+    Returns
+    -------
+    x_unit : (..., n, d) float array
+    B_unit : (..., b, d+1, d+1) float array
+
+    Raises
+    ------
+    ValueError
+        If the root's transform is singular.
+    """
+    d, L, center = character.d, character.L, rest_center(character)
+    root = B[..., root_bone(character), :, :]
+    if (np.abs(np.linalg.det(root[..., :d, :d])) < 1e-12).any():
+        raise ValueError(f"bone {root_bone(character)}, the root, has a singular transform")
+    to_root = np.linalg.inv(root)
+    to_unit = rigid_transforms(np.eye(d) / L, -center / L)
+    from_unit = rigid_transforms(np.eye(d) * L, center)
+    x_unit = transform_points((to_unit @ to_root)[..., None, :, :], x)
+    return x_unit, to_unit @ to_root[..., None, :, :] @ B @ from_unit
+
+
+def torch_device(name: str) -> str:
+    """Check the name of a device; "auto" takes a GPU if torch finds one.
+
+    Raises
+    ------
+    ValueError
+        If torch has no such device.
+    """
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise ValueError(f"torch cannot use the device {name!r}: {str(error).splitlines()[0]}") from None
+    return name
+
+
+def _joined(chunks: list[torch.Tensor]) -> np.ndarray:
+    return torch.cat(chunks).cpu().numpy()

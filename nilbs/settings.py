@@ -1,0 +1,87 @@
+"""Settings of a training, as they are stored in a model file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a field is trained. Lengths are fractions of L, the longest edge of the rest mesh's bounding box.
+
+    Attributes
+    ----------
+    steps : int
+        Training steps.
+    learning_rate : float
+        Largest rate of the one-cycle schedule.
+    width, depth : int
+        Units of a hidden layer, and number of linear layers.
+    poses_per_step, points_per_pose : int
+        Batch of each loss.
+    samples_per_frame : int
+        Labelled points of each training frame.
+    noise : float
+        Standard deviation of the points near the surface.
+    supervision : "volume" or "paper"
+        Where the weight loss knows the weights: in the rest volume and a thin shell around it, posed by skinning in the
+        motion's and in random poses; or, as in the paper, on the rest surface's vertices in the rest pose.
+    shell : float
+        Standard deviation of that shell.
+    weight_loss : float
+        Factor of the weight loss.
+    random_pose_std : float
+        Random poses turn every bone but the roots by normal angles whose standard deviation is drawn, for each pose,
+        between zero and this; in radians.
+    cache_resolution : int
+        Cells of the rest cache along its longest edge; 0 takes 128 in space and 512 in the plane.
+    cache_width : float
+        Width of the step by which occupancy is read from distance.
+    seed : int
+        The same seed, on the same machine with the same threads, gives the same model.
+    """
+
+    steps: int = 4000
+    learning_rate: float = 3e-3
+    width: int = 96
+    depth: int = 5
+    poses_per_step: int = 8
+    points_per_pose: int = 1024
+    samples_per_frame: int = 20_000
+    noise: float = 0.006
+    supervision: str = "volume"
+    shell: float = 0.01
+    weight_loss: float = 1.0
+    random_pose_std: float = 0.8
+    cache_resolution: int = 0
+    cache_width: float = 0.01
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value, kind = getattr(self, field.name), type(field.default)
+            if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool):
+                raise ValueError(f"{field.name} must be of type {kind.__name__}, got {value!r}")
+            if kind is not str and not 0 <= value < 1e9:
+                raise ValueError(f"{field.name} must lie between 0 and 1e9, got {value!r}")
+        for name in ("steps", "width", "poses_per_step", "points_per_pose", "samples_per_frame", "cache_width"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        if self.depth < 2:
+            raise ValueError(f"depth must be at least 2, got {self.depth}")
+        if self.supervision not in ("volume", "paper"):
+            raise ValueError(f"supervision must be 'volume' or 'paper', got {self.supervision!r}")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> "Settings":
+        """Settings from what a model file holds.
+
+        Raises
+        ------
+        ValueError
+            If a name is unknown or missing, or a value has the wrong type.
+        """
+        known = {field.name for field in fields(cls)}
+        if set(values) != known:
+            raise ValueError(f"settings are {sorted(values)}, expected {sorted(known)}")
+        return cls(**values)
