@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from nilbs.app.surfaces import describe_surface
+from nilbs.geometry.facets import components
 from nilbs.geometry.kinematics import bone_parents, local_rotations
 from nilbs.geometry.volume import boundary_facets
 from nilbs.io import (
@@ -124,8 +125,9 @@ def _rig(C: np.ndarray, BE: np.ndarray, problems: list[str]) -> dict[str, Any]:
     unused = np.setdiff1d(np.arange(len(C)), BE)
     if len(unused):
         problems.append(f"{len(unused)} joints belong to no bone, joint {unused[0]} first")
-    if roots > 1:
-        problems.append(f"{roots} bones have no parent: the rig is not one tree")
+    pieces = components(BE, len(C))
+    if pieces > 1:
+        problems.append(f"the rig is {pieces} separate skeletons")
     if length[shortest] < _SHORT_BONE * np.ptp(C, axis=0).max():
         problems.append(f"bone {shortest} is very short: {length[shortest]:.3g}")
     joined = len(C) - len(np.unique(C, axis=0))
@@ -150,10 +152,8 @@ def _weights(W: np.ndarray, problems: list[str]) -> dict[str, Any]:
     if W.min() < -_TOLERANCE or W.max() > 1 + _TOLERANCE:
         problems.append(f"weights leave 0 to 1: they run from {W.min():.6g} to {W.max():.6g}")
     if error.max() > _TOLERANCE:
-        off = int((error > _TOLERANCE).sum())
-        problems.append(
-            f"{off} of {len(W)} rows do not sum to one; row {int(error.argmax())} sums to {sums[error.argmax()]:.6g}"
-        )
+        off, worst = int((error > _TOLERANCE).sum()), int(error.argmax())
+        problems.append(f"{off} of {len(W)} rows do not sum to one; row {worst} sums to {sums[worst]:.6g}")
     if empty:
         problems.append(f"{empty} rows are all zero, row {int((W == 0).all(axis=1).argmax())} first")
     idle = np.flatnonzero((W == 0).all(axis=0))

@@ -8,9 +8,7 @@ from nilbs.app.options import add_json, add_seed
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
-    parser.add_argument(
-        "--out", metavar="DIR", help="also write scores.json, the table as scores.txt, and pictures here"
-    )
+    parser.add_argument("--out", metavar="DIR", help="also write scores.json, scores.txt and pictures here")
     add_seed(parser)
     add_json(parser)
 

@@ -12,9 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resolution", type=whole(2), default=128, metavar="N", help="grid cells along the longest edge (default 128)"
     )
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", required=True, help="where to write the mesh: posed.obj or .ply"
-    )
+    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the mesh to write, .obj or .ply")
     add_json(parser)
 
 

@@ -10,12 +10,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
     parser.add_argument("points", metavar="POINTS.npy", help="posed points, an array (n, d)")
     add_pose(parser)
-    parser.add_argument(
-        "--distance", action="store_true", help="signed distance, negative inside, in place of occupancy"
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", required=True, help="where to write the (n,) values: values.npy"
-    )
+    parser.add_argument("--distance", action="store_true", help="signed distance, negative inside, not occupancy")
+    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the (n,) values to write, .npy")
     add_json(parser)
 
 

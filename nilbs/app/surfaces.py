@@ -31,8 +31,8 @@ def describe_surface(
     Examples
     --------
     >>> problems = []
-    >>> square = describe_surface(np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), np.array([[0, 1], [1, 2], [2, 3]]), problems)
-    >>> square["watertight"], problems
+    >>> V, F = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), np.array([[0, 1], [1, 2], [2, 3]])
+    >>> describe_surface(V, F, problems)["watertight"], problems
     (False, ['the surface is not closed: 2 of its ends belong to one facet only'])
     """
     d = V.shape[1]
@@ -76,13 +76,13 @@ def describe_surface(
 
 
 def _signed_volume(V: np.ndarray, F: np.ndarray) -> float:
-    """Enclosed volume (3D) or area (2D), positive where facets face outward; of an open surface, no more than a hint."""
+    """Enclosed volume (3D) or area (2D), positive where facets face outward; of an open surface only a hint."""
     corners = V[F] - V.mean(axis=0)
     return float(np.linalg.det(corners).sum() / (2 if V.shape[1] == 2 else 6))
 
 
 def _why_open(F: np.ndarray) -> str:
-    """Why a surface is not watertight: a hole, a place where more than two facets meet, or facets turned differently."""
+    """Why a surface is not watertight: a hole, more than two facets in one place, or facets turned differently."""
     ends = F[:, :, None] if F.shape[1] == 2 else np.stack([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]], axis=1)
     _, count = np.unique(np.sort(ends.reshape(-1, ends.shape[2]), axis=1), axis=0, return_counts=True)
     kind = "ends" if F.shape[1] == 2 else "edges"

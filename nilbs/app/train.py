@@ -16,9 +16,7 @@ AMPLITUDE = 0.4  # rad
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument(
-        "mesh", metavar="MESH", help="the rest mesh, .obj or .ply; a flat one (z = 0) is two-dimensional"
-    )
+    parser.add_argument("mesh", metavar="MESH", help="the rest mesh, .obj or .ply; flat (z = 0) for two dimensions")
     parser.add_argument("rig", metavar="RIG", help="its joints and bones, .tgf")
     parser.add_argument("--motion", metavar="FILE", help="a motion, .dmat or .json; smooth random motion by default")
     parser.add_argument(
@@ -38,13 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"rms local rotation of every bone but the roots in random motion (default {AMPLITUDE})",
     )
     parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
+    parser.add_argument("--resume", action="store_true", help="go on from MODEL.checkpoint, if it exists")
     parser.add_argument(
-        "--resume", action="store_true", help="go on from the checkpoint MODEL.checkpoint, if there is one"
+        "--device", default="auto", metavar="NAME", help="cpu, cuda, ...; by default a GPU, if there is one"
     )
-    parser.add_argument(
-        "--device", default="auto", metavar="NAME", help="cpu, cuda, ...; a GPU where there is one by default"
-    )
-    parser.add_argument("-o", "--output", metavar="MODEL", required=True, help="where to write the model: model.nilbs")
+    parser.add_argument("-o", "--output", metavar="MODEL", required=True, help="the model to write, .nilbs")
     add_seed(parser)
     add_json(parser)
 

@@ -7,13 +7,9 @@ from nilbs.app.options import add_json
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument(
-        "mesh", metavar="MESH", help="the rest mesh, .obj or .ply; a flat one (z = 0) is two-dimensional"
-    )
+    parser.add_argument("mesh", metavar="MESH", help="the rest mesh, .obj or .ply; flat (z = 0) for two dimensions")
     parser.add_argument("rig", metavar="RIG", help="its joints and bones, .tgf")
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", help="where to write the weights: weights.npz or weights.dmat"
-    )
+    parser.add_argument("-o", "--output", metavar="FILE", help="the weights to write, .npz or .dmat")
     parser.add_argument(
         "--method",
         choices=("joint", "igl"),
