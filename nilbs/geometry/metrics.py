@@ -134,7 +134,7 @@ def surface_scores(
     precision, recall = np.mean(accuracy <= near), np.mean(completeness <= near)
     aligned = np.sum(normal[facet] * normal_true[nearest_true], axis=1)
     aligned_true = np.sum(normal_true[facet_true] * normal[nearest], axis=1)
-    percent = 100 / unit
+    percent = 100 / float(unit)
     scores["chamfer_l1"] = percent * float(accuracy.mean() + completeness.mean()) / 2
     scores["chamfer_l1_sampled"] = percent * _sampled_chamfer(x, x_true)
     scores["hausdorff"] = percent * float(both.max())

@@ -181,8 +181,7 @@ def _weighted_choice(weight: np.ndarray, n: int, what: str, rng: np.random.Gener
         raise ValueError(f"cannot sample a {what} of no extent")
     if not n:
         return np.empty(0, dtype=np.int64)
-    # The draw is below 1, but its product with the total may round up to the total itself.
-    draw = np.minimum(rng.random(n) * total[-1], np.nextafter(total[-1], 0))
+    draw = rng.random(n) * total[-1]
     return np.searchsorted(total, draw, side="right")
 
 

@@ -107,11 +107,21 @@ def test_noise_gives_a_clean_surface_between_the_signs(
 
 
 def test_two_cells_that_share_a_diagonal_are_told_apart() -> None:
-    # Values on which marching cubes alone puts four triangles on an edge, found among random ones.
-    shape = (20, 22, 18)
-    values = np.random.default_rng(28).integers(-2, 3, shape)
-    V, F = isosurface(values, Grid([0.0] * 3, 1.0, shape))
+    # On these two cells marching cubes alone puts four triangles on an edge.
+    values = [[[-0.8, -0.65, -1.33], [0.68, 0.04, 1.0]], [[0.24, 1.77, 0.43], [-0.73, -0.19, -1.37]]]
+    V, F = isosurface(np.array(values), Grid([0.0] * 3, 1.0, (2, 2, 3)))
     assert_clean(V, F)
+
+
+@pytest.mark.parametrize("kind", ["ties", "a peak far above the rest"])
+def test_ties_need_no_repair(kind: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The repair walks edge by edge: slow where a binary volume would need it everywhere.
+    monkeypatch.setattr("nilbs.geometry.isosurface._two_triangles_an_edge", lambda index, F: (index, F))
+    shape = (20, 20, 20)
+    values = rng.choice([-1.0, 1.0], shape) if kind == "ties" else 1e-4 * rng.normal(size=shape)
+    values[0, 0, 0] = 1.0
+    _, F = isosurface(values, Grid([0.0] * 3, 1.0, shape))
+    assert is_watertight(F)
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -117,7 +117,9 @@ def test_scores_are_plain_numbers(rng: np.random.Generator) -> None:
     import json
 
     V, F = ball(2, 1.0)
-    json.dumps(surface_scores(V, F, V * 1.05, F, unit=2.0, n=10, rng=rng), allow_nan=False)
+    scores = surface_scores(V, F, V * 1.05, F, unit=np.float64(2.0), n=10, rng=rng)
+    assert {type(value) for value in scores.values()} == {float, int, bool}
+    json.dumps(scores, allow_nan=False)
 
 
 def test_wrong_arguments_are_named(rng: np.random.Generator) -> None:

@@ -44,6 +44,23 @@ def test_facets_are_drawn_by_area(d: int, rng: np.random.Generator) -> None:
         np.testing.assert_allclose(mine.mean(axis=0), V[F[f]].mean(axis=0), atol=0.1)
 
 
+class Extreme(np.random.Generator):
+    """A generator that always draws one end of its range."""
+
+    value = 0.0
+
+    def random(self, size: int) -> np.ndarray:  # type: ignore[override]
+        return np.full(size, self.value)
+
+
+@pytest.mark.parametrize(("value", "facet"), [(0.0, 1), (np.nextafter(1, 0), 2)])
+def test_the_ends_of_chance_hit_no_facet_without_area(value: float, facet: int) -> None:
+    rng = Extreme(np.random.PCG64(0))
+    rng.value = value
+    _, drawn = facet_samples(*surface(2), 3, rng=rng)
+    np.testing.assert_array_equal(drawn, facet)
+
+
 def test_a_triangle_is_filled_evenly(rng: np.random.Generator) -> None:
     x, _ = facet_samples([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], N, rng=rng)
     # A quarter of the area lies in each of the four triangles between the middles of the edges.
