@@ -16,15 +16,15 @@ from nilbs.io.tgf import write_tgf
 
 # Joints of the middle and of the left half (x > 0); _skeleton mirrors the limbs.
 _JOINTS = {
-    "seat": (0.0, -0.16),
-    "pelvis": (0.0, -0.06),
-    "chest": (0.0, 0.10),
-    "crown": (0.0, 0.37),
-    "shoulder": (0.12, 0.11),
-    "elbow": (0.24, 0.115),
-    "hand": (0.36, 0.13),
-    "knee": (0.115, -0.25),
-    "foot": (0.17, -0.405),
+    "seat": (0.0, -0.185),
+    "pelvis": (0.0, -0.075),
+    "chest": (0.0, 0.1),
+    "crown": (0.0, 0.425),
+    "shoulder": (0.13, 0.115),
+    "elbow": (0.24, 0.125),
+    "hand": (0.35, 0.145),
+    "knee": (0.175, -0.255),
+    "foot": (0.265, -0.38),
 }
 # One tree under the single root bone seat-pelvis: every other bone starts where its parent ends.
 _TRUNK = (("seat", "pelvis"), ("pelvis", "chest"), ("chest", "crown"))
@@ -32,17 +32,17 @@ _LIMBS = (("chest", "shoulder"), ("shoulder", "elbow"), ("elbow", "hand"), ("pel
 
 # Capsules (start, end, radius) of the body; a circle is a capsule without length. Limbs are mirrored.
 _BODY = (
-    ((0.0, 0.325), (0.0, 0.325), 0.145),
-    ((0.0, 0.05), (0.0, 0.20), 0.05),
-    ((0.0, 0.045), (0.0, -0.075), 0.115),
-    ((0.08, 0.10), (0.36, 0.13), 0.062),
-    ((-0.08, 0.10), (-0.36, 0.13), 0.062),
-    ((0.07, -0.12), (0.18, -0.41), 0.078),
-    ((-0.07, -0.12), (-0.18, -0.41), 0.078),
+    ((0.0, 0.38), (0.0, 0.38), 0.127),
+    ((0.0, 0.055), (0.0, 0.264), 0.055),
+    ((0.0, 0.066), (0.0, -0.088), 0.143),
+    ((0.11, 0.11), (0.363, 0.143), 0.064),
+    ((-0.11, 0.11), (-0.363, 0.143), 0.064),
+    ((0.099, -0.143), (0.275, -0.396), 0.075),
+    ((-0.099, -0.143), (-0.275, -0.396), 0.075),
 )
-_SMOOTHING = 0.03  # length over which neighbouring capsules melt into each other
-_HALF_THICKNESS = 0.09  # of the cookie
-_ROUNDING = 0.04  # radius of the cookie's edges; must stay below the smallest radius of the outline
+_SMOOTHING = 0.033  # length over which neighbouring capsules melt into each other
+_HALF_THICKNESS = 0.1  # of the cookie
+_ROUNDING = 0.036  # radius of the cookie's edges; must stay below the smallest radius of the outline
 
 
 def gingerbread(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -84,7 +84,8 @@ def gingerbread(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
         raise ValueError(f"d must be 2 or 3, got {d}")
     C, BE = _skeleton()
     if d == 2:
-        V, T = _fill(_outline(320), also=_bone_samples(C, BE, spacing=0.013))
+        outline = _outline(320)
+        V, T = _fill(outline, also=_bone_samples(C, BE, spacing=float(np.linalg.norm(outline[1] - outline[0]))))
         return V, T, C, BE
     V, F = _cookie(_outline(265))
     return V, F, np.pad(C, ((0, 0), (0, 1))), BE
