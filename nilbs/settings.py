@@ -59,7 +59,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value, kind = getattr(self, field.name), type(field.default)
+            value: Any = getattr(self, field.name)
+            kind = type(field.default)
             if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool):
                 raise ValueError(f"{field.name} must be of type {kind.__name__}, got {value!r}")
             if kind is not str and not 0 <= value < 1e9:
