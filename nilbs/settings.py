@@ -60,8 +60,9 @@ class Settings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value: Any = getattr(self, field.name)
-            kind = type(field.default)
-            if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool):
+            kind: type = type(field.default)
+            allowed: tuple[type, ...] = (int, float) if kind is float else (kind,)
+            if type(value) not in allowed:
                 raise ValueError(f"{field.name} must be of type {kind.__name__}, got {value!r}")
             if kind is not str and not 0 <= value < 1e9:
                 raise ValueError(f"{field.name} must lie between 0 and 1e9, got {value!r}")
