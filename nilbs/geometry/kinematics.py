@@ -183,6 +183,7 @@ def local_rotations(C: np.ndarray, BE: np.ndarray, P: np.ndarray, B: np.ndarray)
     C, BE, P, B = arrays(C=(C, "k d"), BE=(BE, "b 2", int), P=(P, "b", int), B=(B, "... b d+1 d+1"))
     d = C.shape[1]
     check_indices("BE", BE, len(C), "joints")
+    bone_order(P)
     R = B[..., :d, :d]
     rigid = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(d)).max(axis=(-1, -2)) < 1e-6
     rigid &= np.linalg.det(R) > 0
@@ -243,8 +244,11 @@ def interpolate_poses(
     >>> local_rotations(C, BE, P, interpolate_poses(C, BE, P, B0, B1, 0.25))[0].round(6)
     array([[0.25]])
     """
-    C, B0, B1 = arrays(C=(C, "k d"), B0=(B0, "... b d+1 d+1"), B1=(B1, "... b d+1 d+1"))
-    d = C.shape[1]
+    C, BE, P = arrays(C=(C, "k d"), BE=(BE, "b 2", int), P=(P, "b", int))
+    d, b = C.shape[1], len(BE)
+    B0, B1 = arrays(B0=(B0, f"... {b} {d + 1} {d + 1}"), B1=(B1, f"... {b} {d + 1} {d + 1}"))
+    check_indices("BE", BE, len(C), "joints")
+    bone_order(P)
     try:
         theta0, move0 = local_rotations(C, BE, P, B0)
         theta1, move1 = local_rotations(C, BE, P, B1)

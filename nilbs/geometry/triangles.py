@@ -42,9 +42,9 @@ def conforming_triangles(
 
     Notes
     -----
-    Lawson's incremental insertion [1]_: a point splits the triangle or edge that it lies in, and edges are flipped until
-    no triangle's circumcircle holds its neighbour's far vertex. Flips never touch the outline. Points of bones that lie
-    outside are left out.
+    Lawson's incremental insertion [1]_: a point splits the triangle or edge that it lies in, and edges are flipped
+    until no triangle's circumcircle holds its neighbour's far vertex. Flips never touch the outline. Points of bones
+    that lie outside are left out.
 
     References
     ----------

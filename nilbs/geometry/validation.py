@@ -44,7 +44,7 @@ def check_indices(name: str, indices: np.ndarray, size: int, of: str) -> None:
     ValueError
         Naming the first row at fault.
     """
-    bad = np.flatnonzero(((indices < 0) | (indices >= size)).reshape(len(indices), -1).any(axis=1))
+    bad = np.flatnonzero(((indices < 0) | (indices >= size)).any(axis=tuple(range(1, indices.ndim))))
     if len(bad):
         raise ValueError(f"{name}[{bad[0]}] = {indices[bad[0]].tolist()} does not index the {size} {of}")
 
@@ -52,7 +52,9 @@ def check_indices(name: str, indices: np.ndarray, size: int, of: str) -> None:
 def _array(name: str, value: object, letters: str, kind: type = float, *, sizes: dict[str, int]) -> np.ndarray:
     try:
         array = np.asarray(value)
-        converted = array.astype(np.int64 if kind is int else np.float64, copy=False)
+        # A nan does not become an integer quietly; that it is none is said below.
+        with np.errstate(invalid="ignore"):
+            converted = array.astype(np.int64 if kind is int else np.float64, copy=False)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of numbers, got {type(value).__name__}: {error}") from None
     if kind is int and not np.array_equal(converted, array):
@@ -69,7 +71,8 @@ def _array(name: str, value: object, letters: str, kind: type = float, *, sizes:
     if not fits:
         dots = ["..."] if leading else []
         wanted = ", ".join(dots + terms) + ("," if len(dots + terms) == 1 else "")
-        known = ", ".join(dots + [str(_size(term, None, sizes) or term) for term in terms])
+        found = [(term, _size(term, None, sizes)) for term in terms]
+        known = ", ".join(dots + [term if size is None else str(size) for term, size in found])
         known += "," if len(dots + terms) == 1 else ""
         equal = "" if known == wanted else f" = ({known})"
         raise ValueError(f"{name} must be ({wanted}){equal}, got {array.shape}")

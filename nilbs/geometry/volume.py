@@ -21,7 +21,7 @@ def element_volumes(V: np.ndarray, T: np.ndarray) -> np.ndarray:
     -------
     volumes : (t,) float array
         Positive for counter-clockwise triangles and for tetrahedra whose first three vertices turn counter-clockwise
-        when seen from outside the fourth; in mesh units to the power d.
+        when seen from the fourth; in mesh units to the power d.
 
     Raises
     ------

@@ -59,8 +59,8 @@ def bounded_biharmonic_weights(
 
     Notes
     -----
-    Minimises 1/2 sum_b w_b' L M^-1 L w_b, eq. 1 of [1]_, with libigl's cotangent Laplacian L and mass matrix M, over all
-    bones at once, so that the partition of unity is part of the problem and not an afterthought. Solved by the
+    Minimises 1/2 sum_b w_b' L M^-1 L w_b, eq. 1 of [1]_, with libigl's cotangent Laplacian L and mass matrix M, over
+    all bones at once, so that the partition of unity is part of the problem and not an afterthought. Solved by the
     alternating direction method of multipliers [2]_: a linear solve, one factorisation for all bones, and a projection
     of every row on the simplex [3]_ take turns. What is returned is the projected iterate, so its bounds and sums do
     not depend on convergence. The penalty grows in stages (see the constants above), each of which starts from the
