@@ -64,9 +64,11 @@ def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = 
         frame = candidates[int(np.argmax(changed))]
         pose, label = motion[frame], f"training frame {motion.frames[frame]}"
         note = f" (of {len(candidates)} frames, the one where the ghost bone changes most)"
+        if not max(changed):
+            note = f" (the ghost bone changes none of {len(candidates)} frames)"
 
     U = linear_blend_skinning(character.V, character.W, pose)
-    section = Section.through(front, U, scale=1.5, pixels=300)
+    section = Section.through(front, U, scale=1.5, pixels=240)
     x = section.points()
     true = occupancy(U, character.F, x)
     predictions = {
@@ -97,5 +99,5 @@ def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = 
 def _changed(model: "Model", front: View, pose: np.ndarray) -> float:
     """The share of a coarse section's pixels that the ghost bone changes."""
     U = linear_blend_skinning(model.character.V, model.character.W, pose)
-    x = Section.through(front, U, scale=1.5, pixels=80).points()
+    x = Section.through(front, U, scale=1.5, pixels=48).points()
     return float(np.mean((model.occupancy(x, pose) > 0.5) != (model.occupancy(x, pose, ghost=False) > 0.5)))

@@ -54,7 +54,7 @@ def weights_figure(
     front = View.front(character.V)
     for row, (name, B) in enumerate((("rest", np.broadcast_to(np.eye(character.d + 1), pose.shape)), (label, pose))):
         U = linear_blend_skinning(character.V, character.W, B)
-        section = Section.through(front, U)
+        section = Section.through(front, U, pixels=240)
         W = section.image(model.weights(section.points(), B))
         surface = section.cut(U, character.F)
         for panel, channel in zip(panels[row], channels, strict=True):
