@@ -232,7 +232,7 @@ def _model(model: Any, problems: list[str]) -> dict[str, Any]:
     return {
         "name": c.name,
         "d": c.d,
-        "mesh": {"vertices": len(c.V), **describe_surface(c.V, c.F, problems)},
+        "mesh": {"vertices": len(c.V), **describe_surface(c.V, c.F, problems, used=c.T if c.d == 2 else None)},
         "rig": _rig(C, c.BE, problems),
         "weights": _weights(c.W, problems),
         "volume": {"vertices": len(c.V_volume), "elements": len(c.T)},

@@ -27,9 +27,14 @@ def show(values: Mapping[str, Any], *, as_json: bool, table: str | None = None) 
     energy   3
     """
     if as_json:
-        print(json.dumps(plain(values), allow_nan=False))
+        text = json.dumps(plain(values), allow_nan=False)
     else:
-        print(rows(values) if table is None else table)
+        text = rows(values) if table is None else table
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        error.filename = "standard output"
+        raise
 
 
 def plain(value: Any) -> Any:

@@ -58,19 +58,20 @@ def run(args: argparse.Namespace) -> None:
     check_writable(args.output)
     if args.motion is not None and args.amplitude is not None:
         raise ValueError("--amplitude is of random motion: it cannot stand beside --motion")
+    from nilbs.fitting import fit, remove_checkpoint
+    from nilbs.model import torch_device
+
+    device = torch_device(args.device)
     start = perf_counter()
     character = load_character(args.mesh, args.rig, args.weights, progress=True, report=_report)
     motion = _motion(args, character)
-
-    from nilbs.fitting import fit, remove_checkpoint
-
     checkpoint = f"{args.output}.checkpoint"
     settings = {"seed": args.seed} | ({} if args.steps is None else {"steps": args.steps})
     try:
         model = fit(
             character,
             motion,
-            device=args.device,
+            device=device,
             checkpoint=checkpoint,
             resume=args.resume,
             progress=True,

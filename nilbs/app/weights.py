@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
 
     import numpy as np
 
-    from nilbs.character import solve_weights
+    from nilbs.character import check_joints_near, rig_in_mesh_dimension, solve_weights
     from nilbs.io import check_suffix, check_writable, read_mesh, read_tgf, write_weights
 
     if args.output is not None:
@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> None:
     C, BE = read_tgf(args.rig)
     start = perf_counter()
     try:
+        check_joints_near(V, rig_in_mesh_dimension(V, C))
         solved = solve_weights(V, E, C, BE, method=args.method, progress=True)
     except ValueError as error:
         raise ValueError(f"{args.mesh} with {args.rig}: {error}") from error

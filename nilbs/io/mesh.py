@@ -102,8 +102,7 @@ def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
     n, d = V.shape
     if F.shape[1] not in (2, 3) or (d == 3 and F.shape[1] == 2):
         raise ValueError(f"F must be (m, 3){' or (m, 2)' * (d == 2)}, got {F.shape}")
-    if len(F):
-        check_indices("F", F, n, "vertices")
+    check_indices("F", F, n, "vertices")
     xyz = np.zeros((n, 3))
     xyz[:, :d] = V
     with replacing(path, "w" if suffix == ".obj" else "wb") as file:

@@ -1,0 +1,252 @@
+import errno
+import os
+
+import numpy as np
+import pytest
+
+from nilbs.geometry.facets import is_watertight
+from nilbs.io import read_mesh, read_npy, read_weights, write_motion_json, write_transforms
+
+
+@pytest.fixture
+def out(tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def motion_file(tmp_path, d):
+    """Two frames: at rest, and moved by one unit along x."""
+    path = tmp_path / "motion.json"
+    translation = np.zeros((2, d))
+    translation[1, 0] = 1
+    write_motion_json(path, ["bone0", "bone1"], np.zeros((2, 2, 1 if d == 2 else 3)), translation)
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".dmat"])
+def test_weights(assets, succeeds, out, d, suffix):
+    mesh, rig, path = assets / f"bar{d}.obj", assets / "bar.tgf", out / f"w{suffix}"
+    values = succeeds("weights", mesh, rig, "-o", path)
+    assert {"min", "max", "row_sum_error", "energy", "seconds", "method"} <= values.keys()
+    assert values["min"] >= 0
+    assert values["max"] <= 1
+    assert values["row_sum_error"] <= 1e-9
+    assert values["method"] == "joint"
+    W = read_weights(path)
+    V, _ = read_mesh(mesh)
+    assert W.shape == (len(V), 2)
+    assert (W[V[:, 0] < 1, 0] > 0.9).all()
+    assert (W[V[:, 0] > 3.5, 1] > 0.9).all()
+
+
+def test_weights_by_the_reference_are_no_better(assets, succeeds, out, d):
+    files = (assets / f"bar{d}.obj", assets / "bar.tgf")
+    reference = succeeds("weights", *files, "--method", "igl")
+    assert reference["method"] == "igl"
+    assert succeeds("weights", *files)["energy"] <= reference["energy"] * (1 + 1e-3)
+    assert os.listdir(out) == []
+
+
+def test_weights_as_a_table(assets, nilbs):
+    status, text, _ = nilbs("weights", assets / "bar2.obj", assets / "bar.tgf")
+    assert status == 0
+    assert any(line.split() == ["method", "joint"] for line in text.splitlines())
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["weights", "no.obj", "bar.tgf"], "no.obj: No such file or directory"),
+        (["weights", "bar2.obj", "no.tgf"], "no.tgf: No such file or directory"),
+        (["weights", "bar2.obj", "bar.tgf", "-o", "out/no/w.npz"], "out/no: the folder does not exist"),
+        (["weights", "bar2.obj", "bar.tgf", "-o", "out/w.csv"], "out/w.csv: the file name must end in .npz or .dmat"),
+        (["weights", "bar2.obj", "bar.tgf", "-o", "out"], "out: the file name must end in"),
+        (["weights", "bar3-weights.npz", "bar.tgf"], "bar3-weights.npz: the file name must end in .obj or .ply"),
+        (["weights", "open.obj", "bar.tgf"], "open.obj with {}/bar.tgf: "),
+        (["weights", "bar2.obj", "far.tgf"], "bar2.obj with {}/far.tgf: joint 2 "),
+        (["train", "bar2.obj", "bar.tgf", "-o", "out/m.npz"], "out/m.npz: the file name must end in .nilbs"),
+        (["train", "bar2.obj", "bar.tgf", "-o", "out/no/m.nilbs"], "out/no: the folder does not exist"),
+        (["train", "bar2.obj", "bar.tgf", "--device", "abacus", "-o", "out/m.nilbs"], "torch cannot use the device"),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--weights", "bar3-weights.npz", "-o", "out/m.nilbs"],
+            "bar2.obj with {}/bar.tgf and {}/bar3-weights.npz: the weights have 54 rows",
+        ),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--motion", "one.dmat", "-o", "out/m.nilbs"],
+            "one.dmat: moves 1 bones, but the rig has 2",
+        ),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--motion", "one.dmat", "--amplitude", "1", "-o", "out/m.nilbs"],
+            "--amplitude is of random motion",
+        ),
+        (["query", "bar2.nilbs", "x3.npy", "--frame", "0", "-o", "out/v.npy"], "x3.npy: points must be (n, 2)"),
+        (
+            ["query", "bar2.nilbs", "x2.npy", "--frame", "3", "-o", "out/v.npy"],
+            "the motion of the model: there is no",
+        ),
+        (["query", "bar2.nilbs", "no.npy", "--frame", "0", "-o", "out/v.npy"], "no.npy: No such file or directory"),
+        (["query", "bar2.obj", "x2.npy", "--frame", "0", "-o", "out/v.npy"], "bar2.obj: "),
+        (["query", "cut.nilbs", "x2.npy", "--frame", "0", "-o", "out/v.npy"], "cut.nilbs: "),
+        (["extract", "flipped.nilbs", "--frame", "0", "-o", "out/v.obj"], "flipped.nilbs: "),
+        (["extract", "bar2.nilbs", "--frame", "0", "-o", "out/v.stl"], "out/v.stl: the file name must end in .obj or"),
+        (
+            ["extract", "bar2.nilbs", "--motion", "one.dmat", "--frame", "0", "-o", "out/v.obj"],
+            "one.dmat: moves 1 bones, but the rig has 2",
+        ),
+        (["evaluate", "empty.nilbs"], "empty.nilbs: the file is empty"),
+    ],
+)
+def test_a_mistake_is_named_before_anything_is_written(assets, fails, tmp_path, monkeypatch, words, message):
+    for name in os.listdir(assets):
+        os.symlink(assets / name, tmp_path / name)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "empty.nilbs").touch()
+    model = bytearray((assets / "bar2.nilbs").read_bytes())
+    (tmp_path / "cut.nilbs").write_bytes(model[: len(model) // 2])
+    model[len(model) // 2] ^= 1
+    (tmp_path / "flipped.nilbs").write_bytes(model)
+    (tmp_path / "open.obj").write_text(
+        "".join((assets / "bar3.obj").read_text().splitlines(keepends=True)[:-5])  # the last faces are missing
+    )
+    (tmp_path / "far.tgf").write_text("1 0.25 0.5 0\n2 2.1 0.5 0\n3 375 0.5 0\n#\n1 2\n2 3\n#\n")
+    np.save(tmp_path / "x2.npy", np.zeros((4, 2)))
+    np.save(tmp_path / "x3.npy", np.zeros((4, 3)))
+    write_transforms(tmp_path / "one.dmat", np.eye(4)[None, None])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("nilbs.fitting.fit", None)
+    words = [words[0], *(word if word.startswith("-") or "." not in word else tmp_path / word for word in words[1:])]
+    line = fails(*words)
+    assert message.replace("{}", str(tmp_path)) in line
+    assert os.listdir("out") == []
+
+
+def test_train(assets, succeeds, nilbs, out, d, quick_training):
+    mesh, rig, path = assets / f"bar{d}.obj", assets / "bar.tgf", out / "m.nilbs"
+    weights = assets / f"bar{d}-weights.npz"
+    options = ("--weights", weights, "--frames", 4, "--amplitude", 0.3, "--seed", 5, "--steps", 3, "-o", path)
+    values = succeeds("train", mesh, rig, *options)
+    assert {"seconds", "model", "peak_memory_mib", "loss"} <= values.keys()
+    assert values["steps"] == 3
+    assert values["peak_memory_mib"] > 10
+    assert os.listdir(out) == ["m.nilbs"]
+    status, text, _ = nilbs("info", path)
+    assert status == 0
+    assert "random, amplitude 0.3 rad rms, 4 frames, seed 5" in text
+    again = succeeds("train", mesh, rig, *options[:-1], out / "again.nilbs")
+    assert again["loss"] == values["loss"]
+
+
+def test_train_solves_for_weights_where_none_are_given(assets, succeeds, out, quick_training):
+    assert (
+        succeeds("train", assets / "bar2.obj", assets / "bar.tgf", "--frames", 2, "-o", out / "m.nilbs")["frames"] == 2
+    )
+
+
+def test_train_takes_evenly_spaced_frames_of_a_motion(assets, succeeds, out, tmp_path, quick_training):
+    motion = tmp_path / "motion.json"
+    write_motion_json(motion, ["bone0", "bone1"], np.linspace(0, 1, 9)[:, None, None] * [[0], [1]], np.zeros((9, 2)))
+    files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz")
+    values = succeeds("train", *files, "--motion", motion, "--frames", 3, "-o", out / "m.nilbs")
+    assert (values["frames"], values["motion"]) == (3, "motion.json")
+    assert succeeds("info", out / "m.nilbs")["files"][0]["motion"]["original_frames"] == [0, 8]
+
+
+def test_an_interrupted_training_says_how_to_go_on(assets, nilbs, out, monkeypatch):
+    def interrupted(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("nilbs.fitting.fit", interrupted)
+    files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz")
+    status, text, err = nilbs("train", *files, "-o", out / "m.nilbs")
+    assert (status, text) == (130, "")
+    assert err.splitlines()[-1] == "nilbs: interrupted; the same command with --resume goes on from the last checkpoint"
+
+
+def test_resume(assets, nilbs, succeeds, out, monkeypatch, quick_training):
+    from nilbs.fields import training
+
+    files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--steps", 8)
+    alone = succeeds("train", *files, "-o", out / "alone.nilbs")
+    one_cycle = training.one_cycle
+
+    def interrupted(step, *args):
+        if step == 5:
+            raise KeyboardInterrupt
+        return one_cycle(step, *args)
+
+    monkeypatch.setattr(training, "one_cycle", interrupted)
+    assert nilbs("train", *files, "-o", out / "m.nilbs")[0] == 130
+    assert sorted(os.listdir(out)) == ["alone.nilbs", "m.nilbs.checkpoint"]
+    monkeypatch.setattr(training, "one_cycle", one_cycle)
+    status, _, err = nilbs("train", *files, "--seed", 1, "-o", out / "m.nilbs", "--resume")
+    assert status == 2
+    assert "m.nilbs.checkpoint: belongs to a training with other files or settings" in err
+    continued = succeeds("train", *files, "-o", out / "m.nilbs", "--resume")
+    assert continued["loss"] == pytest.approx(alone["loss"], rel=1e-6)
+    assert sorted(os.listdir(out)) == ["alone.nilbs", "m.nilbs"]
+
+
+def test_a_full_disk_names_the_model(assets, fails, out, quick_training):
+    (out / "m.nilbs").symlink_to("/dev/full")
+    files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz")
+    assert fails("train", *files, "-o", out / "m.nilbs") == f"{out}/m.nilbs: {os.strerror(errno.ENOSPC)}"
+    assert os.listdir(out) == ["m.nilbs"]
+
+
+@pytest.mark.parametrize("quantity", ["occupancy", "distance"])
+def test_query(assets, succeeds, out, d, rng, motion_file, quantity):
+    model, points = assets / f"bar{d}.nilbs", out / "x.npy"
+    x = rng.uniform([-1] * d, [5] + [2] * (d - 1), size=(50, d))
+    np.save(points, x)
+    option = ["--distance"] if quantity == "distance" else []
+    values = succeeds("query", model, points, "--motion", motion_file, "--frame", 0, *option, "-o", out / "v.npy")
+    v = read_npy(out / "v.npy")
+    assert v.shape == (50,)
+    assert (values["points"], values["quantity"]) == (50, quantity)
+    inside = v < 0 if quantity == "distance" else v > 0.5
+    assert values["inside"] == inside.sum()
+    # The same points, moved with the character, get the same answers.
+    x[:, 0] += 1
+    np.save(points, x)
+    succeeds("query", model, points, "--motion", motion_file, "--frame", 1, *option, "-o", out / "u.npy")
+    assert np.allclose(read_npy(out / "u.npy"), v, atol=1e-5)
+
+
+def test_query_of_no_point(assets, succeeds, out):
+    np.save(out / "x.npy", np.zeros((0, 2)))
+    assert succeeds("query", assets / "bar2.nilbs", out / "x.npy", "--frame", 2, "-o", out / "v.npy")["inside"] == 0
+    assert read_npy(out / "v.npy").shape == (0,)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply"])
+def test_extract(assets, succeeds, out, d, motion_file, suffix):
+    path = out / f"posed{suffix}"
+    options = ("--motion", motion_file, "--frame", 1, "--resolution", 24, "-o", path)
+    values = succeeds("extract", assets / f"bar{d}.nilbs", *options)
+    U, F = read_mesh(path)
+    assert (values["vertices"], values["facets"]) == (len(U), len(F))
+    assert values["watertight"]
+    assert U.shape[1] == F.shape[1] == d
+    assert is_watertight(F)
+
+
+def test_extract_a_frame_of_the_training_motion(assets, nilbs, out):
+    status, text, _ = nilbs("extract", assets / "bar2.nilbs", "--frame", 2, "-o", out / "a.obj")
+    assert status == 0
+    assert "watertight" in text
+
+
+def test_evaluate(assets, succeeds, nilbs, out, d, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("nilbs.figures.write_figures", lambda model, folder, **options: drawn.append(folder))
+    options = ("--points", 200, "--resolution", 8, "--seed", 3)
+    scores = succeeds("evaluate", assets / f"bar{d}.nilbs", *options, "--out", out / "deep" / "er")
+    assert (scores["schema"], scores["points"], scores["resolution"], scores["seed"]) == (1, 200, 8, 3)
+    assert {"seen", "interpolated", "unseen", "far"} == scores["poses"].keys()
+    assert sorted(os.listdir(out / "deep" / "er")) == ["scores.json", "scores.txt"]
+    assert drawn == [str(out / "deep" / "er")]
+    status, text, _ = nilbs("evaluate", assets / f"bar{d}.nilbs", *options)
+    assert status == 0
+    assert text == (out / "deep" / "er" / "scores.txt").read_text()
