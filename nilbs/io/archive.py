@@ -104,8 +104,10 @@ def read_archive(path: str | Path, *, kind: str) -> tuple[dict[str, np.ndarray],
     text = str(metadata.get("settings"))
     if metadata.get("digest") != _digest(arrays, kind, text):
         raise FileFormatError(path, "is damaged: its digest does not match its content")
-    settings = json.loads(text)
-    return arrays, settings
+    try:
+        return arrays, dict(json.loads(text))
+    except (ValueError, TypeError, RecursionError):
+        raise FileFormatError(path, "is damaged: its settings are no JSON object") from None
 
 
 def _digest(arrays: Mapping[str, np.ndarray], kind: str, text: str) -> str:

@@ -11,6 +11,7 @@ from nilbs.io import (
     write_motion_json,
     write_transforms,
 )
+from nilbs.io.motion import read_any_motion_json
 
 NAMES = ("bone0", "bone1")
 
@@ -150,3 +151,26 @@ def test_write_json_checks_its_names(tmp_path, names):
     with pytest.raises(ValueError, match="theta must be"):
         write_motion_json(tmp_path / "a.json", names, np.zeros((1, 2, 3)), np.zeros((1, 3)))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_json_of_an_unknown_rig(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text('{"frames": [{}, {"leg": [0, 0, 90]}, {"arm": [90, 0, 0], "root_translation": [1, 2, 3]}]}')
+    names, theta, translation = read_any_motion_json(path)
+    assert names == ("leg", "arm")
+    assert theta.tolist() == [[[0] * 3] * 2, [[0, 0, np.pi / 2], [0] * 3], [[0] * 3, [np.pi / 2, 0, 0]]]
+    assert translation[2].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("frame", ['{"arm": 90}', '{"arm": [90]}', '{"root_translation": [0, 0], "arm": 90}'])
+def test_json_of_an_unknown_rig_in_the_plane(tmp_path, frame):
+    (tmp_path / "a.json").write_text(f'{{"frames": [{frame}]}}')
+    names, theta, translation = read_any_motion_json(tmp_path / "a.json")
+    assert (names, theta.tolist(), translation.tolist()) == (("arm",), [[[np.pi / 2]]], [[0, 0]])
+
+
+def test_json_of_an_unknown_rig_is_checked_too(tmp_path):
+    for frames in ('[{"arm": [1, 2, 3]}, {"arm": 1}]', "[3]", '[{"arm": null}]'):
+        (tmp_path / "a.json").write_text(f'{{"frames": {frames}}}')
+        with pytest.raises(FileFormatError, match=r"a\.json: frame"):
+            read_any_motion_json(tmp_path / "a.json")
