@@ -87,9 +87,9 @@ def inverse_linear_blend_skinning(x: np.ndarray, W: np.ndarray, B: np.ndarray) -
     """
     x, W, B = arrays(x=(x, "n d"), W=(W, "n b"), B=(B, "b d+1 d+1"))
     A, t = _blends(W, B)
-    scale = np.abs(A).max(axis=(1, 2), initial=0)
-    # A blend of unit rotations whose determinant is at the level of rounding has collapsed the point's neighbourhood.
-    singular = np.abs(np.linalg.det(A)) <= 1e-14 * np.maximum(scale, 1e-300) ** x.shape[1]
+    # A determinant at the level of rounding, against the bones' own size: the blend has collapsed the neighbourhood.
+    scale = np.abs(W) @ np.abs(B[:, :-1, :-1]).max(axis=(1, 2), initial=0)
+    singular = np.abs(np.linalg.det(A)) <= 1e-14 * np.maximum(scale, 1e-100) ** x.shape[1]
     A[singular] = np.eye(x.shape[1])
     x_rest = np.linalg.solve(A, (x - t)[:, :, None])[:, :, 0]
     x_rest[singular] = np.nan

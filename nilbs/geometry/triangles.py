@@ -31,7 +31,7 @@ def conforming_triangles(
     Returns
     -------
     V_volume : (n', 2) float array
-        The given vertices first, in their order.
+        The given vertices first, in their order; those that no triangle uses stay without one.
     T_volume : (t', 3) int array
         Counter-clockwise triangles, Delaunay inside the outline.
 
@@ -63,12 +63,14 @@ def conforming_triangles(
     area = element_volumes(V, T)
     size = float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
     T = np.where((area < 0)[:, None], T[:, [0, 2, 1]], T)[np.abs(area) > 1e-14 * size**2]
+    if not len(T):
+        return V.copy(), T
     mesh = _Triangulation(V, T, tolerance=1e-9 * size)
     mesh.flip_all()
     for point in bone_samples(C, BE, samples_per_bone):
         mesh.insert(point)
     step = spacing * size
-    if step > 0 and len(T):
+    if step > 0:
         for point in _hexagonal_points(V.min(axis=0), V.max(axis=0), step):
             # Not nearer to a vertex than this, or the point would make the mesh worse instead of better.
             if mesh.nearest_vertex_distance(point) > 0.7 * step:
@@ -88,6 +90,7 @@ class _Triangulation:
 
     def __init__(self, V: np.ndarray, T: np.ndarray, *, tolerance: float) -> None:
         self.points = V.copy()
+        self.loose = np.setdiff1d(np.arange(len(V)), T)
         self.corners = T.copy()
         self.n, self.t = len(V), len(T)
         self.tolerance = tolerance
@@ -102,7 +105,10 @@ class _Triangulation:
         return self.corners[: self.t].copy()
 
     def nearest_vertex_distance(self, point: np.ndarray) -> float:
-        return float(np.sqrt(((self.points[: self.n] - point) ** 2).sum(axis=1).min()))
+        square = ((self.points[: self.n] - point) ** 2).sum(axis=1)
+        # A vertex without a triangle is not part of the mesh, so it does not stand in for a new one.
+        square[self.loose] = np.inf
+        return float(np.sqrt(square.min()))
 
     def flip_all(self) -> None:
         self._legalize([edge for edge in self.left if edge[0] < edge[1]])

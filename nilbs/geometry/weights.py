@@ -49,13 +49,14 @@ def bounded_biharmonic_weights(
     -------
     W : (n, b) float array
         Rows on the simplex to rounding: 0 <= W <= 1 and row sums of one. A vertex that no element uses has the weights
-        of the nearest one that is used.
+        of the nearest one that is used, unless it is fixed itself.
 
     Raises
     ------
     ValueError
-        If the sizes disagree, W_fixed leaves the simplex, an index does not exist or is repeated, or a part of the mesh
-        that no fixed vertex touches leaves the weights undetermined.
+        If the sizes disagree, W_fixed leaves the simplex, an index does not exist or is repeated, a bone is fixed only
+        at vertices that no element uses, or a part of the mesh that no fixed vertex touches leaves the weights
+        undetermined.
 
     Notes
     -----
@@ -91,19 +92,24 @@ def bounded_biharmonic_weights(
     if len(W_fixed) and (W_fixed.min() < -1e-9 or np.abs(W_fixed.sum(axis=1) - 1).max() > 1e-9):
         raise ValueError("rows of W_fixed must be non-negative and sum to one")
     used = np.unique(T)
-    if not np.isin(fixed, used).all():
-        raise ValueError(f"fixed vertex {fixed[~np.isin(fixed, used)][0]} belongs to no element")
+    # A vertex without an element (a surface vertex twice in the file) has its weights but holds nothing.
+    holds = np.isin(fixed, used)
+    lost = np.flatnonzero((W_fixed.max(axis=0, initial=0) > 0) & (W_fixed[holds].max(axis=0, initial=0) <= 0))
+    if len(lost):
+        raise ValueError(f"bone {lost[0]} is held only by vertices that belong to no element")
     place = np.full(len(V), -1)
     place[used] = np.arange(len(used))
     K, mass = _energy_matrix(V[used], place[T])
-    _check_every_part_is_held(K, place[fixed], used)
+    _check_every_part_is_held(K, place[fixed[holds]], used)
     if method == "igl":
-        W_used = _bone_by_bone(V[used], place[T], place[fixed], W_fixed)
+        W_used = _bone_by_bone(V[used], place[T], place[fixed[holds]], W_fixed[holds])
     elif method == "joint":
-        W_used = _joint(V[used], K, mass, place[fixed], W_fixed, iterations, progress)
+        W_used = _joint(V[used], K, mass, place[fixed[holds]], W_fixed[holds], iterations, progress)
     else:
         raise ValueError(f"method must be 'joint' or 'igl', got {method!r}")
-    return _nearest_rows(V, used, W_used)
+    W = _nearest_rows(V, used, W_used)
+    W[fixed] = W_fixed
+    return W
 
 
 def biharmonic_energy(V: np.ndarray, T: np.ndarray, W: np.ndarray) -> float:

@@ -75,8 +75,6 @@ def conforming_tetrahedra(
         raise ValueError(
             f"TetGen could not fill the surface with tetrahedra ({error}): it must be closed and must not cross itself"
         ) from None
-    if not len(T):
-        raise ValueError("TetGen found no inside: the surface must be closed and must not cross itself")
     V_volume = V_volume * size + center
     V_volume[: len(V)] = V
     T = T.astype(np.int64)
