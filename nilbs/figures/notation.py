@@ -47,7 +47,7 @@ def notation_figure(model: "Model", path: str | Path, *, columns: int = 3) -> Pa
     poses = [("rest", rest), *[(f"training frame {motion.frames[k]}", motion[k]) for k in shown]]
     posed = [linear_blend_skinning(character.V, character.W, B) for _, B in poses]
 
-    figure, panels = sheet(2, len(poses), title=f"{character.name}: rest pose and training frames")
+    figure, panels = sheet(2, len(poses), title=f"{character.name}: rest pose and training frames", height=2.95)
     front = View.front(character.V)
     view = front.turned()
     lower, upper = view.window(*posed)
