@@ -38,5 +38,5 @@ def test_names_are_loaded_when_they_are_asked_for() -> None:
     assert set(nilbs.__all__) <= set(dir(nilbs))
     for name in nilbs.__all__:
         assert getattr(nilbs, name).__name__ == name
-    with pytest.raises(AttributeError, match="^module 'nilbs' has no attribute 'nothing'$"):
+    with pytest.raises(AttributeError, match=r"^module 'nilbs' has no attribute 'nothing'$"):
         _ = nilbs.nothing
