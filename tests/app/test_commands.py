@@ -6,6 +6,7 @@ import pytest
 
 from nilbs.geometry.facets import is_watertight
 from nilbs.io import read_mesh, read_npy, read_weights, write_motion_json, write_transforms
+from nilbs.model import load_model
 
 
 @pytest.fixture
@@ -203,7 +204,9 @@ def test_query(assets, succeeds, out, d, rng, motion_file, quantity):
     option = ["--distance"] if quantity == "distance" else []
     values = succeeds("query", model, points, "--motion", motion_file, "--frame", 0, *option, "-o", out / "v.npy")
     v = read_npy(out / "v.npy")
-    assert v.shape == (50,)
+    trained = load_model(model)
+    rest = np.tile(np.eye(d + 1), (2, 1, 1))
+    assert np.allclose(v, getattr(trained, quantity)(x, rest), atol=1e-6)
     assert (values["points"], values["quantity"]) == (50, quantity)
     inside = v < 0 if quantity == "distance" else v > 0.5
     assert values["inside"] == inside.sum()
