@@ -47,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Train, write and report."""
+    from pathlib import Path
     from time import perf_counter
 
     from nilbs.app.output import show
@@ -79,7 +80,8 @@ def run(args: argparse.Namespace) -> None:
             **settings,
         )
     except KeyboardInterrupt as interrupt:
-        interrupt.add_note("the same command with --resume goes on from the last checkpoint")
+        if Path(checkpoint).exists():
+            interrupt.add_note("the same command with --resume goes on from the last checkpoint")
         raise
     model.save(args.output)
     remove_checkpoint(checkpoint)

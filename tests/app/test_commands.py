@@ -1,5 +1,6 @@
 import errno
 import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,15 +155,19 @@ def test_train_takes_evenly_spaced_frames_of_a_motion(assets, succeeds, out, tmp
     assert succeeds("info", out / "m.nilbs")["files"][0]["motion"]["original_frames"] == [0, 8]
 
 
-def test_an_interrupted_training_says_how_to_go_on(assets, nilbs, out, monkeypatch):
-    def interrupted(*args, **options):
+@pytest.mark.parametrize("saved", [True, False])
+def test_an_interrupted_training_says_how_to_go_on(assets, nilbs, out, monkeypatch, saved):
+    def interrupted(*args, checkpoint, **options):
+        if saved:
+            Path(checkpoint).touch()
         raise KeyboardInterrupt
 
     monkeypatch.setattr("nilbs.fitting.fit", interrupted)
     files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz")
     status, text, err = nilbs("train", *files, "-o", out / "m.nilbs")
     assert (status, text) == (130, "")
-    assert err.splitlines()[-1] == "nilbs: interrupted; the same command with --resume goes on from the last checkpoint"
+    how = "; the same command with --resume goes on from the last checkpoint" if saved else ""
+    assert err.splitlines()[-1] == f"nilbs: interrupted{how}"
 
 
 def test_resume(assets, nilbs, succeeds, out, monkeypatch, quick_training):
