@@ -28,7 +28,7 @@ class RestCache(nn.Module):
 
     def __init__(self, values: Tensor, origin: Tensor, spacing: float, *, width: float) -> None:
         super().__init__()
-        self.register_buffer("values", values)
+        self.register_buffer("values", values.contiguous())  # look-ups index it as it lies in memory
         self.register_buffer("origin", origin)
         self.spacing, self.width = float(spacing), float(width)
 

@@ -92,10 +92,11 @@ def train(
                 value = loss(step)
                 optimizer.zero_grad(set_to_none=True)
                 value.backward()
-                optimizer.step()
                 history[step] = value.item()
                 if not np.isfinite(history[step]):
                     raise FloatingPointError(f"the loss at step {step} is {history[step]}; try a lower learning rate")
+                # Nothing between these two, where an interrupt would save parameters of one step as those of another.
+                optimizer.step()
                 step += 1
                 if step % 20 == 0 or step == steps:
                     bar.set_postfix(loss=f"{history[max(0, step - 100) : step].mean():.4f}", refresh=False)

@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+import torch
+from scipy.interpolate import RegularGridInterpolator
+
+from nilbs.fields.cache import RestCache
+
+SHAPES = {2: (5, 4), 3: (5, 4, 3)}
+ORIGIN, SPACING = 0.3, 0.25
+
+
+def cache(values: np.ndarray, *, width: float = 0.1) -> RestCache:
+    origin = torch.full((values.ndim,), ORIGIN, dtype=torch.float64)
+    return RestCache(torch.as_tensor(values), origin, SPACING, width=width)
+
+
+def nodes(d: int) -> np.ndarray:
+    return ORIGIN + SPACING * np.stack(np.meshgrid(*map(np.arange, SHAPES[d]), indexing="ij"), axis=-1)
+
+
+def inside(d: int, n: int, rng: np.random.Generator) -> np.ndarray:
+    return ORIGIN + SPACING * rng.uniform(0, np.array(SHAPES[d]) - 1, (n, d))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_an_affine_function_is_read_exactly(d: int, rng: np.random.Generator) -> None:
+    slope = rng.normal(size=d)
+    x = inside(d, 300, rng)
+    distance = cache(nodes(d) @ slope + 0.7).distance(torch.as_tensor(x))
+    np.testing.assert_allclose(distance, x @ slope + 0.7, atol=1e-13)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_any_values_are_interpolated_multilinearly(d: int, rng: np.random.Generator) -> None:
+    values = rng.normal(size=SHAPES[d])
+    axes = [ORIGIN + SPACING * np.arange(n) for n in SHAPES[d]]
+    x = np.concatenate([inside(d, 300, rng), nodes(d).reshape(-1, d)])
+    expected = RegularGridInterpolator(axes, values)(np.clip(x, None, [axis[-1] for axis in axes]))
+    np.testing.assert_allclose(cache(values).distance(torch.as_tensor(x)), expected, atol=1e-13)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_beyond_the_grid_the_way_back_to_it_is_added(d: int, rng: np.random.Generator) -> None:
+    values = rng.normal(size=SHAPES[d])
+    lower, upper = ORIGIN, ORIGIN + SPACING * (np.array(SHAPES[d]) - 1)
+    x = rng.uniform(-3, 4, (300, d))
+    nearest = np.clip(x, lower, upper)
+    there = cache(values).distance(torch.as_tensor(nearest)).numpy()
+    distance = cache(values).distance(torch.as_tensor(x)).numpy()
+    np.testing.assert_allclose(distance, there + np.linalg.norm(x - nearest, axis=1), atol=1e-12)
+    assert (np.linalg.norm(x - nearest, axis=1) > 0).sum() > 200
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_continuous_across_cells_and_across_the_border(d: int, rng: np.random.Generator) -> None:
+    values = rng.normal(size=SHAPES[d])
+    x = ORIGIN + SPACING * rng.integers(0, SHAPES[d], (300, d))  # nodes, those of the border among them
+    step = 1e-9 * rng.normal(size=(300, d))
+    field = cache(values)
+    before, after = field.distance(torch.as_tensor(x - step)), field.distance(torch.as_tensor(x + step))
+    np.testing.assert_allclose(before, after, atol=1e-6)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_derivative_is_right_inside_and_beyond(d: int, rng: np.random.Generator) -> None:
+    field = cache(rng.normal(size=SHAPES[d]))
+    # Kinks lie on cell faces: keep the middle of cells, and one point beyond each side.
+    position = np.concatenate([np.floor(rng.uniform(0, np.array(SHAPES[d]) - 1, (8, d))), np.full((1, d), -2.0)])
+    position = np.concatenate([position, [np.array(SHAPES[d]) + 2.0]])
+    x = ORIGIN + SPACING * (position + rng.uniform(0.2, 0.8, position.shape))
+    x = torch.tensor(x, requires_grad=True)
+    assert torch.autograd.gradcheck(field.distance, x)
+    assert torch.autograd.gradcheck(field.occupancy, x)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_derivative_is_finite_everywhere(d: int) -> None:
+    field = cache(np.zeros(SHAPES[d]))
+    x = torch.tensor(np.concatenate([nodes(d).reshape(-1, d), np.full((1, d), 1e30)]), requires_grad=True)
+    field.distance(x).sum().backward()
+    assert torch.isfinite(x.grad).all()
+
+
+def test_occupancy_is_a_sigmoid_of_the_distance() -> None:
+    x = torch.full((3, 2), ORIGIN, dtype=torch.float64)
+    for distance, expected in ((0.0, 0.5), (-0.2, 1 / (1 + np.exp(-2.0))), (0.2, 1 / (1 + np.exp(2.0)))):
+        occupancy = cache(np.full((2, 2), distance), width=0.1).occupancy(x)
+        np.testing.assert_allclose(occupancy, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_point_without_a_rest_image_has_no_distance_and_harms_no_other(d: int) -> None:
+    x = np.full((3, d), ORIGIN)
+    x[1, 0], x[2, -1] = np.nan, np.inf
+    distance = cache(np.full(SHAPES[d], 0.5)).distance(torch.as_tensor(x))
+    assert distance[0] == 0.5
+    assert torch.isnan(distance[1])
+    assert distance[2] == np.inf
+
+
+def test_leading_dimensions_and_the_order_in_memory_do_not_matter(rng: np.random.Generator) -> None:
+    values, x = rng.normal(size=SHAPES[3]), torch.as_tensor(inside(3, 12, rng))
+    expected = cache(values).distance(x)
+    turned = torch.as_tensor(values.T.copy()).permute(2, 1, 0)
+    assert not turned.is_contiguous()
+    field = RestCache(turned, torch.full((3,), ORIGIN, dtype=torch.float64), SPACING, width=0.1)
+    np.testing.assert_array_equal(field.distance(x.reshape(3, 4, 3)), expected.reshape(3, 4))

@@ -1,0 +1,103 @@
+import numpy as np
+import pytest
+
+from nilbs.fields.extraction import field_surface, node_levels
+from nilbs.fields.mesh_lbs import MeshLbs
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.metrics import surface_scores
+from nilbs.geometry.occupancy import occupancy
+
+
+def ball(x: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(x, axis=1) - 0.6
+
+
+def two_balls(x: np.ndarray) -> np.ndarray:
+    shift = np.zeros(x.shape[1])
+    shift[0] = 0.45
+    return np.minimum(np.linalg.norm(x - shift, axis=1) - 0.4, np.linalg.norm(x + shift, axis=1) - 0.25)
+
+
+def shell(x: np.ndarray) -> np.ndarray:
+    """A ring or hollow ball whose wall is thinner than a block."""
+    return np.abs(np.linalg.norm(x, axis=1) - 0.7) - 0.03
+
+
+def speck(x: np.ndarray) -> np.ndarray:
+    """A ball that lies between the nodes of the coarse grid."""
+    return np.linalg.norm(x - 0.13, axis=1) - 0.06
+
+
+def asked(function):
+    return lambda x: (function(x), function(x))
+
+
+@pytest.mark.parametrize("function", [ball, two_balls, shell, speck])
+@pytest.mark.parametrize("resolution", [40, 37])
+@pytest.mark.parametrize("d", [2, 3])
+def test_asking_coarsely_first_changes_nothing(d: int, resolution: int, function) -> None:
+    grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), resolution)
+    U, F = field_surface(asked(function), grid, stride=4)
+    everywhere = field_surface(asked(function), grid, stride=1)
+    assert len(F)
+    np.testing.assert_array_equal(U, everywhere[0])
+    np.testing.assert_array_equal(F, everywhere[1])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_signs_are_right_everywhere_values_near_the_surface_and_few_are_asked(d: int) -> None:
+    grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), {2: 128, 3: 64}[d])
+    levels, count = node_levels(asked(ball), grid, stride=4)
+    true = ball(grid.points()).reshape(grid.shape)
+    np.testing.assert_array_equal(levels < 0, true < 0)
+    near = np.abs(true) < 1.5 * grid.spacing
+    np.testing.assert_array_equal(levels[near], true[near])
+    assert count < 0.6 * grid.size
+    assert node_levels(asked(ball), grid, stride=1)[1] >= grid.size
+
+
+def test_no_more_is_asked_than_is_counted() -> None:
+    grid, seen = Grid.cube(np.array([[-1.0, -1], [1, 1]]), 50), []
+
+    def values(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        seen.append(len(x))
+        return ball(x), ball(x)
+
+    assert node_levels(values, grid, stride=4)[1] == sum(seen)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_sign_change_is_followed_though_the_distance_says_far(d: int) -> None:
+    grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 24)
+    far = field_surface(lambda x: (ball(x), np.full(len(x), 9.0)), grid, stride=4)
+    for found, true in zip(far, field_surface(asked(ball), grid, stride=1), strict=True):
+        np.testing.assert_array_equal(found, true)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_all_outside_is_an_empty_surface(d: int) -> None:
+    grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 9)
+    U, F = field_surface(lambda x: (np.ones(len(x)), np.ones(len(x))), grid)
+    assert U.shape == (0, d)
+    assert F.shape == (0, d)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_grid_smaller_than_a_block(d: int) -> None:
+    grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 2)
+    for found, true in zip(field_surface(asked(ball), grid), field_surface(asked(ball), grid, stride=1), strict=True):
+        np.testing.assert_array_equal(found, true)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_mesh_asked_as_a_field_gives_itself_back(d: int, rng: np.random.Generator) -> None:
+    grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 24)
+    U, F = field_surface(asked(two_balls), grid)
+    mesh, x = MeshLbs(U, F), rng.uniform(-1, 1, (200, d))
+    np.testing.assert_array_equal(mesh.inside(x), occupancy(U, F, x))
+    finer = Grid.cube(U, 48)
+    scores = surface_scores(*mesh.extract_on(finer), U, F, unit=2.0, n=2000, rng=rng)
+    assert scores["chamfer_l1"] < 0.2
+    assert scores["normal_consistency"] > 0.98
+    assert scores["components"] == 2
+    assert scores["watertight"]

@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+import torch
+
+from nilbs.fields.network import WeightNetwork
+from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
+
+BONES = 3
+
+
+def network(d: int, *, scale: float = 1.0, **options: int) -> WeightNetwork:
+    torch.manual_seed(3)
+    centers = torch.linspace(-1, 1, BONES * d, dtype=torch.float64).reshape(BONES, d)
+    return WeightNetwork(scale * centers, scale=scale, **options).double()
+
+
+def poses(d: int, n: int, rng: np.random.Generator) -> np.ndarray:
+    theta = rng.normal(size=(n, BONES, 3 if d == 3 else 1))
+    return rigid_transforms(rotation_matrices(theta), rng.normal(size=(n, BONES, d)))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("depth", [2, 5])
+def test_folding_equals_the_encoding_written_out(d: int, depth: int, rng: np.random.Generator) -> None:
+    net, B, x = network(d, scale=0.7, width=8, depth=depth), poses(d, 2, rng), rng.normal(size=(2, 4, d))
+    logits = net(torch.as_tensor(x), torch.as_tensor(B)).detach().numpy()
+    assert logits.shape == (2, 4, BONES + 1)
+    assert len(net.layers) == depth
+    centers = net.centers.numpy()
+    for p in range(2):
+        for i in range(4):
+            local = [(np.linalg.inv(B[p, b]) @ [*x[p, i], 1])[:d] - centers[b] for b in range(BONES)]
+            hidden = np.concatenate(local) / 0.7
+            for k, layer in enumerate(net.layers):
+                hidden = layer.weight.detach().numpy() @ hidden + layer.bias.detach().numpy()
+                if k < depth - 1:
+                    hidden = np.maximum(hidden, 0)
+            np.testing.assert_allclose(logits[p, i], hidden, atol=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_world_moves_and_the_weights_stay(d: int, rng: np.random.Generator) -> None:
+    net, B, x = network(d), poses(d, 1, rng), rng.normal(size=(1, 9, d))
+    world = poses(d, 1, rng)[0, 0]
+    moved = x @ world[:d, :d].T + world[:d, d]
+    logits = net(torch.as_tensor(x), torch.as_tensor(B))
+    torch.testing.assert_close(net(torch.as_tensor(moved), torch.as_tensor(world @ B)), logits, rtol=0, atol=1e-12)
+    # And they are weights of the place: another place has others.
+    assert (net(torch.as_tensor(moved), torch.as_tensor(B)) - logits).abs().max() > 1e-3
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_scale_is_the_unit(d: int, rng: np.random.Generator) -> None:
+    B, x = poses(d, 1, rng), rng.normal(size=(1, 9, d))
+    large = B.copy()
+    large[..., :d, d] *= 100
+    logits = network(d)(torch.as_tensor(x), torch.as_tensor(B))
+    again = network(d, scale=100.0)(torch.as_tensor(100 * x), torch.as_tensor(large))
+    torch.testing.assert_close(again, logits, rtol=0, atol=1e-12)
+
+
+def test_no_points(rng: np.random.Generator) -> None:
+    B = torch.as_tensor(poses(2, 1, rng))
+    assert network(2)(torch.zeros((1, 0, 2), dtype=torch.float64), B).shape == (1, 0, BONES + 1)
+
+
+def test_a_single_layer_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^a weight network needs at least 2 layers, got 1$"):
+        network(2, depth=1)

@@ -1,0 +1,155 @@
+import itertools
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from nilbs.fields.training import TrainingState, one_cycle, train
+
+STEPS = 40
+
+
+def module() -> nn.Module:
+    torch.manual_seed(1)
+    return nn.Sequential(nn.Linear(3, 8), nn.Tanh(), nn.Linear(8, 2))
+
+
+def loss_of(net: nn.Module, *, stop_at: int | None = None):
+    """A regression whose batch depends on the step alone; it can be interrupted once, in the middle of a step."""
+    pending = [stop_at]
+
+    def loss(step: int) -> torch.Tensor:
+        if pending[0] == step:
+            pending[0] = None
+            raise KeyboardInterrupt
+        rng = np.random.default_rng(step)
+        x = torch.as_tensor(rng.normal(size=(16, 3)), dtype=torch.float32)
+        return ((net(x) - x[:, :2] ** 2) ** 2).mean()
+
+    return loss
+
+
+def trained(steps: int = STEPS, **options) -> tuple[nn.Module, np.ndarray]:
+    net = module()
+    return net, train(net, loss_of(net), steps=steps, learning_rate=0.02, **options)
+
+
+def assert_same(net: nn.Module, other: nn.Module) -> None:
+    for a, b in zip(net.parameters(), other.parameters(), strict=True):
+        np.testing.assert_array_equal(a.detach(), b.detach())
+
+
+def test_the_loss_falls_and_is_remembered() -> None:
+    net, history = trained()
+    assert history.shape == (STEPS,)
+    assert history[-10:].mean() < 0.7 * history[:10].mean()
+    fresh = module()
+    assert history[0] == loss_of(fresh)(0).item()
+    assert not torch.equal(net[0].weight, fresh[0].weight)
+
+
+def test_a_loop_of_plain_adam_gives_the_same() -> None:
+    net, history = trained()
+    other = module()
+    loss = loss_of(other)
+    parameters = list(other.parameters())
+    first, second = ([torch.zeros_like(p) for p in parameters] for _ in range(2))
+    for step in range(STEPS):
+        value = loss(step)
+        assert value.item() == pytest.approx(history[step], rel=1e-4)
+        gradients = torch.autograd.grad(value, parameters)
+        rate = one_cycle(step, STEPS, 0.02)
+        with torch.no_grad():
+            for p, g, m, v in zip(parameters, gradients, first, second, strict=True):
+                m.mul_(0.9).add_(0.1 * g)
+                v.mul_(0.999).add_(0.001 * g * g)
+                mean, square = m / (1 - 0.9 ** (step + 1)), v / (1 - 0.999 ** (step + 1))
+                p -= rate * mean / (square.sqrt() + 1e-8)
+    for a, b in zip(net.parameters(), other.parameters(), strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-4)
+
+
+def test_going_on_from_any_saved_state_ends_bit_for_bit_at_the_same() -> None:
+    states: list[TrainingState] = []
+    net, history = trained(save=states.append, save_seconds=-1.0)
+    assert [state.step for state in states] == list(range(1, STEPS + 1))
+    for state in (states[0], states[17], states[-1]):
+        assert state.history.shape == (state.step,)
+        again, continued = trained(state=state)
+        np.testing.assert_array_equal(continued, history)
+        assert_same(again, net)
+
+
+def test_a_state_does_not_change_after_it_was_saved() -> None:
+    states: list[TrainingState] = []
+    trained(save=states.append, save_seconds=-1.0)
+    weights = [state.tensors["value.0.weight"] for state in states]
+    for a, b in itertools.pairwise(weights):
+        assert np.abs(a - b).max() > 0
+
+
+@pytest.mark.parametrize("stop_at", [1, 25])
+def test_an_interrupt_saves_and_is_passed_on(stop_at: int) -> None:
+    net, history = trained()
+    states: list[TrainingState] = []
+    stopped = module()
+    with pytest.raises(KeyboardInterrupt):
+        train(stopped, loss_of(stopped, stop_at=stop_at), steps=STEPS, learning_rate=0.02, save=states.append)
+    (state,) = states
+    assert state.step == stop_at
+    again, continued = trained(state=state)
+    np.testing.assert_array_equal(continued, history)
+    assert_same(again, net)
+
+
+def test_an_interrupt_before_the_first_step_saves_nothing() -> None:
+    states: list[TrainingState] = []
+    net = module()
+    with pytest.raises(KeyboardInterrupt):
+        train(net, loss_of(net, stop_at=0), steps=STEPS, learning_rate=0.02, save=states.append)
+    assert not states
+
+
+def test_saving_waits_for_its_time() -> None:
+    states: list[TrainingState] = []
+    trained(save=states.append, save_seconds=1000.0)
+    assert not states
+
+
+def test_a_loss_that_is_not_finite_stops_with_the_step() -> None:
+    net = module()
+    before = [p.detach().clone() for p in net.parameters()]
+    scale = {7: float("nan")}
+    with pytest.raises(FloatingPointError, match=r"^the loss at step 7 is nan; try a lower learning rate$"):
+        train(net, lambda step: scale.get(step, 0.0) * net[0].weight.sum(), steps=STEPS, learning_rate=0.02)
+    # The step that failed left the parameters alone.
+    for a, b in zip(net.parameters(), before, strict=True):
+        assert torch.equal(a, b)
+
+
+@pytest.mark.parametrize("damage", ["missing", "shape"])
+def test_a_state_of_another_network_is_refused(damage: str) -> None:
+    states: list[TrainingState] = []
+    trained(save=states.append, save_seconds=-1.0)
+    tensors = dict(states[3].tensors)
+    if damage == "missing":
+        del tensors["second.2.bias"]
+    else:
+        tensors["first.2.bias"] = np.zeros(5, dtype=np.float32)
+    with pytest.raises(ValueError, match=r"^the saved training does not fit: 2.bias is missing or has another shape$"):
+        trained(state=TrainingState(4, tensors, states[3].history))
+
+
+def test_progress_leaves_standard_output_alone(capsys: pytest.CaptureFixture[str]) -> None:
+    trained(progress=True)
+    assert capsys.readouterr().out == ""
+
+
+def test_the_rate_rises_for_a_tenth_and_falls_by_half_a_cosine() -> None:
+    rates = np.array([one_cycle(step, 200, 0.5) for step in range(200)])
+    np.testing.assert_allclose(rates[:20], 0.5 * np.arange(1, 21) / 20)
+    done = np.arange(180) / 180
+    np.testing.assert_allclose(rates[20:], 0.5 * (0.001 + 0.999 * (1 + np.cos(np.pi * done)) / 2))
+    assert rates.max() == 0.5
+    assert one_cycle(0, 1, 0.5) == 0.5
