@@ -91,7 +91,7 @@ def test_occupancy_is_a_sigmoid_of_the_distance() -> None:
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_point_without_a_rest_image_has_no_distance_and_harms_no_other(d: int) -> None:
     x = np.full((3, d), ORIGIN)
-    x[1, 0], x[2, -1] = np.nan, np.inf
+    x[1, -1], x[2, 0] = np.nan, np.inf
     distance = cache(np.full(SHAPES[d], 0.5)).distance(torch.as_tensor(x))
     assert distance[0] == 0.5
     assert torch.isnan(distance[1])

@@ -24,8 +24,13 @@ def shell(x: np.ndarray) -> np.ndarray:
 
 
 def speck(x: np.ndarray) -> np.ndarray:
-    """A ball that lies between the nodes of the coarse grid."""
-    return np.linalg.norm(x - 0.13, axis=1) - 0.06
+    """A ball in the middle of a block of the grid with 40 cells."""
+    return np.linalg.norm(x - 0.11, axis=1) - 0.045
+
+
+def slope(x: np.ndarray) -> np.ndarray:
+    """A half-space whose border crosses that of a block of the grid with 24 cells."""
+    return x[:, 0] + 0.05 * x[:, 1] + 0.02
 
 
 def asked(function):
@@ -61,16 +66,18 @@ def test_no_more_is_asked_than_is_counted() -> None:
 
     def values(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         seen.append(len(x))
+        assert np.abs(x).max() <= 1.1 + 1e-9
         return ball(x), ball(x)
 
     assert node_levels(values, grid, stride=4)[1] == sum(seen)
 
 
+@pytest.mark.parametrize("function", [ball, slope])
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_sign_change_is_followed_though_the_distance_says_far(d: int) -> None:
+def test_a_sign_change_is_followed_though_the_distance_says_far(d: int, function) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 24)
-    far = field_surface(lambda x: (ball(x), np.full(len(x), 9.0)), grid, stride=4)
-    for found, true in zip(far, field_surface(asked(ball), grid, stride=1), strict=True):
+    far = field_surface(lambda x: (function(x), np.full(len(x), 9.0)), grid, stride=4)
+    for found, true in zip(far, field_surface(asked(function), grid, stride=1), strict=True):
         np.testing.assert_array_equal(found, true)
 
 
