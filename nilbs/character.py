@@ -182,6 +182,8 @@ def assemble(
     C = rig_in_mesh_dimension(V, C)
     F = _boundary(V, E)
     check_joints_near(V, C)
+    if not len(BE):
+        raise ValueError("the rig has no bone")
     P = bone_parents(BE)
     if W is None:
         solved = solve_weights(V, E, C, BE, progress=progress)

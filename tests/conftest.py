@@ -1,10 +1,15 @@
-"""What every test may ask for: a seeded generator and the shared data, where there is any."""
+"""What every test may ask for: a seeded generator, small characters and models, and shared data where there is any."""
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+
+if TYPE_CHECKING:
+    from nilbs.character import Character
+    from nilbs.model import Model
 
 
 @pytest.fixture
@@ -19,3 +24,38 @@ def data() -> Path:
     if not folder:
         pytest.skip("NILBS_DATA is not set: it names a folder of real meshes, see CONTRIBUTING.md")
     return Path(folder)
+
+
+@pytest.fixture(scope="session")
+def characters() -> "dict[int, Character]":
+    """By dimension: the gingerbread man of the plane, and in space a capsule of three bones."""
+    from nilbs.character import assemble
+    from nilbs.geometry.grids import Grid
+    from nilbs.geometry.isosurface import isosurface
+    from nilbs.gingerbread import gingerbread
+
+    grid = Grid.box(np.array([[-0.9, -0.3, -0.3], [0.9, 0.3, 0.3]]), 24)
+    x = grid.points()
+    axis = np.stack([np.clip(x[:, 0], -0.6, 0.6), np.zeros(len(x)), np.zeros(len(x))], axis=1)
+    V, F = isosurface(np.linalg.norm(x - axis, axis=1) - 0.25, grid)
+    C, BE = np.array([[-0.7, 0, 0], [-0.2, 0.02, 0], [0.2, 0, 0.03], [0.7, 0, 0]]), np.array([[0, 1], [1, 2], [2, 3]])
+    return {2: assemble(*gingerbread(2), name="gingerbread"), 3: assemble(V, F, C, BE, name="capsule")}
+
+
+@pytest.fixture(scope="session")
+def models(characters: "dict[int, Character]") -> "dict[int, Model]":
+    """By dimension: a model that was trained for a moment, enough to be unlike a blank one."""
+    from nilbs.fitting import fit
+    from nilbs.motion import random_motion
+
+    return {d: fit(c, random_motion(c, frames=6), device="cpu", steps=30, **SMALL) for d, c in characters.items()}
+
+
+SMALL = {
+    "width": 16,
+    "depth": 3,
+    "poses_per_step": 4,
+    "points_per_pose": 128,
+    "samples_per_frame": 500,
+    "cache_resolution": 32,
+}
