@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,8 +85,10 @@ def test_random_motions_that_cannot_be(characters) -> None:
 def test_a_motion_without_local_rotations_has_no_rms(characters) -> None:
     c = characters[3]
     motion = random_motion(c, frames=3)
-    scaled = Motion(motion.B * np.diag([2, 2, 2, 1.0])[0, 0] ** 0 @ np.diag([2, 2, 2, 1.0]), motion.frames, "scaled")
+    scaled = Motion(motion.B @ np.diag([2, 2, 2, 1.0]), motion.frames, "scaled")
     assert scaled.rms_rotation(c) is None
+    only_roots = replace(c, P=np.full(3, -1), BE=np.array([[0, 1]] * 3))
+    assert Motion(np.broadcast_to(np.eye(4), (2, 3, 4, 4)), np.arange(2), "still").rms_rotation(only_roots) is None
 
 
 @pytest.mark.parametrize("d", [2, 3])
