@@ -52,7 +52,7 @@ def fit(
     dtype : torch.dtype
         torch.float32 or torch.float64.
     checkpoint : path, optional
-        Where the training is saved while it runs; removed when it ends.
+        Where the training is saved while it runs; `remove_checkpoint` removes it when the model is safe.
     resume : bool
         Whether to go on from the checkpoint, if there is one.
     progress : bool
@@ -82,15 +82,16 @@ def fit(
             f"the character has {len(character.BE)} in {character.d}"
         )
     state = None
+    fingerprint = _fingerprint(character, motion, settings, dtype)
     if checkpoint is not None and resume:
-        state = _load_checkpoint(Path(checkpoint), _fingerprint(character, motion, settings), report)
+        state = _load_checkpoint(Path(checkpoint), fingerprint, report)
     torch.manual_seed(settings.seed)
     field = _field_with_cache(character, settings).to(dtype).to(torch_device(device))
     objective = _objective(field, character, motion, settings, progress=progress)
 
     def save(state: TrainingState) -> None:
         if checkpoint is not None:
-            _save_checkpoint(Path(checkpoint), _fingerprint(character, motion, settings), state)
+            _save_checkpoint(Path(checkpoint), fingerprint, state)
 
     history = train(
         field.network,
@@ -153,10 +154,12 @@ def _objective(
     )
 
 
-def _fingerprint(character: Character, motion: Motion, settings: Settings) -> str:
+def _fingerprint(character: Character, motion: Motion, settings: Settings, dtype: torch.dtype) -> str:
     """What a checkpoint belongs to: everything that the training depends on."""
-    digest = hashlib.sha256(json.dumps(asdict(settings), sort_keys=True).encode())
-    for array in (character.V, character.F, character.W, character.C, character.BE, motion.B):
+    c = character
+    digest = hashlib.sha256(json.dumps([asdict(settings), str(dtype)], sort_keys=True).encode())
+    for array in (c.V, c.F, c.W, c.C, c.BE, c.P, c.V_volume, c.T, c.W_volume, motion.B):
+        digest.update(f"{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
 

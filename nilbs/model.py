@@ -240,6 +240,8 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         character = Character(name=str(text["name"]), names=tuple(map(str, text["bones"])), **part)
         check_character(character)
         motion = Motion(contents["motion.B"], contents["motion.frames"], str(text["motion"]))
+        if motion.B.shape[1:] != (len(character.BE), character.d + 1, character.d + 1):
+            raise ValueError(f"the motion has shape {motion.B.shape}, which does not fit the bones")
         settings = Settings.from_mapping(text["settings"])
         state = {name.removeprefix("field."): a for name, a in contents.items() if name.startswith("field.")}
         values, origin = state["cache.values"], state["cache.origin"]
@@ -250,7 +252,8 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         field.load_state_dict({name: torch.from_numpy(a) for name, a in state.items()})
         model = Model(character, motion, settings, contents["history"], field)
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise FileFormatError(path, f"is not a complete nilbs model: {error}") from None
+        reason = " ".join(str(error).split())  # torch explains itself over several lines
+        raise FileFormatError(path, f"is not a complete nilbs model: {reason}") from None
     return model.to(device=torch_device(device))
 
 

@@ -1,0 +1,208 @@
+import json
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from nilbs.character import Character
+from nilbs.evaluation import POSE_SETS, evaluate, evaluation_poses
+from nilbs.fields.mesh_lbs import MeshLbs
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.isosurface import isosurface
+from nilbs.geometry.kinematics import local_rotations
+from nilbs.geometry.rotations import rotation_matrices
+from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.motion import Motion, random_motion
+
+SCORES = {
+    "iou_bbox", "iou_surface", "chamfer_l1", "chamfer_l1_sampled", "hausdorff", "p95", "normal_consistency", "f_score",
+    "components", "watertight",
+}  # fmt: skip
+
+
+@dataclass
+class StandIn:
+    """Answers as a model does, from the posed mesh itself: rightly, never, or the wrong way round."""
+
+    character: Character
+    motion: Motion
+    kinds: tuple[str, ...] = ("perfect",)
+    config: dict = field(default_factory=lambda: {"motion": "still", "frames": 1, "steps": 0})
+    asked: int = 0
+
+    def mesh(self, pose: np.ndarray) -> MeshLbs:
+        c = self.character
+        return MeshLbs(linear_blend_skinning(c.V, c.W, pose), c.F)
+
+    def kind(self, pose: np.ndarray) -> str:
+        """The first kind answers the first frame of the motion, and so on; the last answers all others."""
+        known = [k for k in range(len(self.motion)) if np.array_equal(pose, self.motion[k])]
+        return self.kinds[min(known[0] if known else len(self.kinds), len(self.kinds) - 1)]
+
+    def occupancy(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        inside = self.mesh(pose).inside(x).astype(float)
+        return {"perfect": inside, "empty": 0 * inside, "inverted": 1 - inside}[self.kind(pose)]
+
+    def extract_on(self, grid: Grid, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        kind, d = self.kind(pose), self.character.d
+        if kind == "empty":
+            return np.zeros((0, d)), np.zeros((0, d), dtype=int)
+        if kind == "perfect":
+            return self.mesh(pose).extract_on(grid)
+        outside = 1.0 - 2.0 * self.mesh(pose).inside(grid.points())
+        return isosurface(-outside.reshape(grid.shape), grid)
+
+
+def stand_in(character: Character, *kinds: str, frames: int = 3) -> StandIn:
+    return StandIn(character, random_motion(character, frames=frames), kinds)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_perfect_an_empty_and_an_inverted_prediction(d: int, characters) -> None:
+    model = stand_in(characters[d], "perfect", "empty", "inverted")
+    seen = evaluate(model, points=800, resolution=24, poses=["seen"]).json()["poses"]["seen"]
+    assert seen["iou_bbox"]["frames"] == [1, 0, 0]
+    assert seen["iou_surface"]["frames"] == [1, 0, 0]
+    # What an empty mesh has not is null, in a frame; the mean is of the others.
+    for name in ("chamfer_l1", "hausdorff", "p95", "normal_consistency"):
+        perfect, empty, inverted = seen[name]["frames"]
+        assert empty is None
+        assert seen[name]["mean"] == pytest.approx((perfect + inverted) / 2)
+    assert seen["chamfer_l1"]["frames"][0] < 1
+    assert seen["normal_consistency"]["frames"][0] > 0.9
+    assert seen["normal_consistency"]["frames"][2] < 0.5
+
+
+def test_a_prediction_that_is_always_empty_has_scores_without_a_value(characters) -> None:
+    scores = evaluate(stand_in(characters[2], "empty"), points=100, resolution=8, poses=["seen"])
+    chamfer = scores.json()["poses"]["seen"]["chamfer_l1"]
+    assert chamfer == {"mean": None, "worst": None, "frames": [None, None, None]}
+    assert " - " in str(scores)
+
+
+def test_the_worst_frame_is_the_lowest_or_the_highest(characters) -> None:
+    model = stand_in(characters[3], "perfect", "inverted", "perfect")
+    seen = evaluate(model, points=400, resolution=20, poses=["seen"]).json()["poses"]["seen"]
+    for name, score in seen.items():
+        frames = score["frames"]
+        assert len(frames) == 3
+        assert score["mean"] == pytest.approx(np.mean(frames))
+        if name in ("iou_bbox", "iou_surface", "normal_consistency", "f_score", "watertight"):
+            assert score["worst"] == min(frames)
+        else:
+            assert score["worst"] == max(frames)
+    assert seen["iou_bbox"]["worst"] == 0
+    assert seen["hausdorff"]["worst"] == seen["hausdorff"]["frames"][1]
+
+
+def test_the_json_is_that_of_the_protocol(characters) -> None:
+    model = stand_in(characters[2], "perfect", frames=4)
+    values = evaluate(model, points=50, resolution=8, seed=3, rows=["floor"]).json()
+    assert json.loads(json.dumps(values, allow_nan=False)) == values
+    assert values["schema"] == 1
+    assert values["L"] == model.character.L
+    assert values["noise"] == 0.006
+    assert (values["points"], values["resolution"], values["seed"]) == (50, 8, 3)
+    assert values["training"] == model.config
+    assert set(values) == {"schema", "L", "noise", "points", "resolution", "seed", "training", "poses", "rows"}
+    assert list(values["poses"]) == list(POSE_SETS)
+    assert set(values["rows"]) == {"floor"}
+    for sets in (values["poses"], values["rows"]["floor"]):
+        assert {name: len(scores["iou_bbox"]["frames"]) for name, scores in sets.items()} == {
+            "seen": 4, "interpolated": 3, "unseen": 10, "far": 10,
+        }  # fmt: skip
+        for scores in sets.values():
+            assert set(scores) == SCORES
+            assert all(set(score) == {"mean", "worst", "frames"} for score in scores.values())
+
+
+def test_the_floor_is_the_perfect_prediction(characters) -> None:
+    model = stand_in(characters[2], "perfect")
+    values = evaluate(model, points=300, resolution=16, poses=["seen", "far"], rows=["floor"]).json()
+    assert values["rows"]["floor"] == values["poses"]
+    without = evaluate(model, points=300, resolution=16, poses=["seen", "far"]).json()
+    assert without["rows"] == {}
+    assert without["poses"] == values["poses"]
+
+
+def test_the_seed_and_nothing_else_is_chance(characters, models) -> None:
+    options = {"points": 200, "resolution": 12, "poses": ["unseen"]}
+    first = evaluate(models[2], **options).json()
+    assert evaluate(models[2], **options).json() == first
+    assert evaluate(models[2], seed=1, **options).json()["poses"] != first["poses"]
+    # A set's scores do not depend on which others are asked for.
+    both = evaluate(models[2], **(options | {"poses": ["seen", "unseen"]})).json()
+    assert both["poses"]["unseen"] == first["poses"]["unseen"]
+
+
+def test_the_table_says_what_it_was_taken_with(models, capsys: pytest.CaptureFixture[str]) -> None:
+    table = str(evaluate(models[3], points=100, resolution=8, poses=["seen"], rows=["floor"], progress=True))
+    for part in (f"L {models[3].character.L:.4g}", "noise 0.006 L", "100 points", "resolution 8", "seed 0", "30 steps",
+                 "random, amplitude 0.4 rad rms, 6 frames, seed 0", "\nseen ", "\nfloor seen "):  # fmt: skip
+        assert part in table
+    assert capsys.readouterr().out == ""
+    header, *rows = table.splitlines()[-3:]
+    assert {len(row) for row in rows} == {len(header)}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"poses": ["sen"]}, "'sen' is none of seen, interpolated, unseen, far"),
+        ({"rows": ["ceiling"]}, "'ceiling' is none of floor"),
+        ({"points": 0}, "points must be at least 1 and resolution at least 2, got 0 and 128"),
+        ({"resolution": 1}, "points must be at least 1 and resolution at least 2, got 100000 and 1"),
+    ],
+)
+def test_what_cannot_be_scored_is_refused(options: dict, message: str, characters) -> None:
+    with pytest.raises(ValueError) as caught:
+        evaluate(stand_in(characters[2], "perfect"), **options)
+    assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_seen_poses_are_evenly_spaced_training_frames(d: int, characters) -> None:
+    motion = random_motion(characters[d], frames=28)
+    np.testing.assert_array_equal(evaluation_poses(characters[d], motion, "seen", seed=0), motion.B[::3])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_interpolated_poses_are_half_way_in_evenly_spaced_gaps(d: int, characters) -> None:
+    c = characters[d]
+    motion = random_motion(c, frames=20)
+    B = evaluation_poses(c, motion, "interpolated", seed=0)
+    assert len(B) == 10
+    middle, _ = local_rotations(c.C, c.BE, c.P, B)
+    theta, _ = local_rotations(c.C, c.BE, c.P, motion.B)
+    for k, gap in enumerate(range(0, 20, 2)):
+        R0, R1, R = (rotation_matrices(angles) for angles in (theta[gap], theta[gap + 1], middle[k]))
+        # Half-way: the step from the first to the middle, made twice, arrives.
+        step = np.swapaxes(R0, 1, 2) @ R
+        np.testing.assert_allclose(R0 @ step @ step, R1, atol=1e-9)
+
+
+def test_short_motions_have_fewer_seen_and_interpolated_poses(characters) -> None:
+    c = characters[2]
+    for frames, seen, between in ((1, 1, 0), (2, 2, 1), (10, 10, 9), (11, 10, 10)):
+        motion = random_motion(c, frames=frames)
+        assert len(evaluation_poses(c, motion, "seen", seed=0)) == seen
+        assert evaluation_poses(c, motion, "interpolated", seed=0).shape == (between, len(c.BE), 3, 3)
+    values = evaluate(stand_in(c, "perfect", frames=1), points=20, resolution=4, poses=["interpolated"]).json()
+    assert values["poses"] == {"interpolated": {}}
+
+
+@pytest.mark.parametrize(("name", "std"), [("unseen", 0.28), ("far", 0.8)])
+@pytest.mark.parametrize("d", [2, 3])
+def test_random_poses_turn_all_but_the_roots(d: int, name: str, std: float, characters) -> None:
+    c = characters[d]
+    motion = random_motion(c, frames=2)
+    B = np.concatenate([evaluation_poses(c, motion, name, seed=seed) for seed in range(60)])
+    assert len(B) == 600
+    theta, root = local_rotations(c.C, c.BE, c.P, B)
+    np.testing.assert_allclose(root, 0, atol=1e-9)
+    assert np.abs(theta[:, c.P < 0]).max() < 1e-9
+    angle = np.linalg.norm(theta[:, c.P >= 0], axis=-1)
+    # A local rotation is known up to full turns; 0.8 rad is over half a turn once in 12,000.
+    assert math.sqrt((angle**2).mean()) == pytest.approx(std, rel=0.05)
+    assert len(np.unique(theta[:, 1, 0])) == 600

@@ -1,0 +1,220 @@
+import functools
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from nilbs.app.main import main
+from nilbs.character import Character, assemble
+from nilbs.fields.objective import NilbsObjective
+from nilbs.fitting import fit, remove_checkpoint
+from nilbs.io.archive import read_archive
+from nilbs.io.errors import FileFormatError
+from nilbs.io.mesh import write_mesh
+from nilbs.io.tgf import write_tgf
+from nilbs.io.weights import write_weights
+from nilbs.model import Model, load_model
+from nilbs.motion import Motion, random_motion
+from nilbs.settings import Settings
+
+V, E = np.array([[0, 0], [2, 0], [2, 0.6], [0, 0.6]]), np.array([[0, 1, 2], [0, 2, 3]])
+C, BE = np.array([[0.2, 0.3], [1, 0.3], [1.8, 0.3]]), np.array([[0, 1], [1, 2]])
+W = np.array([[1, 0], [0, 1], [0, 1], [1, 0.0]])
+SIZES = {
+    "width": 8,
+    "depth": 3,
+    "poses_per_step": 2,
+    "points_per_pose": 32,
+    "samples_per_frame": 100,
+    "cache_resolution": 16,
+}
+TINY = Settings(steps=20, **SIZES)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def one_thread():
+    """The order of sums, and so the last digits, depend on the number of threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def bar() -> tuple[Character, Motion]:
+    character = assemble(V, E, C, BE, W, name="bar")
+    return character, random_motion(character, frames=4)
+
+
+def assert_same(model: Model, other: Model) -> None:
+    np.testing.assert_array_equal(model.history, other.history)
+    for (name, a), (_, b) in zip(model.field.state_dict().items(), other.field.state_dict().items(), strict=True):
+        assert torch.equal(a, b), name
+
+
+def interrupted_at(step: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the training be interrupted when it comes to a step."""
+    loss = NilbsObjective.__call__
+
+    def interrupting(self: NilbsObjective, k: int) -> torch.Tensor:
+        if k == step:
+            raise KeyboardInterrupt
+        return loss(self, k)
+
+    monkeypatch.setattr(NilbsObjective, "__call__", interrupting)
+
+
+def test_the_same_seed_gives_the_same_model(bar) -> None:
+    model = fit(*bar, TINY)
+    assert model.history.shape == (20,)
+    assert np.isfinite(model.history).all()
+    assert model.settings == TINY
+    assert model.character is bar[0]
+    assert model.motion is bar[1]
+    assert_same(fit(*bar, TINY), model)
+    other = fit(*bar, TINY, seed=1)
+    assert other.settings.seed == 1
+    assert other.history[0] != model.history[0]
+
+
+def test_more_steps_fit_better(bar) -> None:
+    history = fit(*bar, TINY, steps=300, width=32, learning_rate=0.01).history
+    assert history[-30:].mean() < 0.8 * history[:30].mean()
+
+
+def test_the_paper_s_own_supervision(bar) -> None:
+    model = fit(*bar, TINY, supervision="paper")
+    assert model.config["supervision"] == "paper"
+    assert model.history[0] != fit(*bar, TINY).history[0]
+
+
+def test_double_precision(bar) -> None:
+    model = fit(*bar, TINY, dtype=torch.float64)
+    assert {tensor.dtype for tensor in model.field.state_dict().values()} == {torch.float64}
+
+
+def test_a_motion_of_another_rig_is_refused(bar, characters) -> None:
+    character, motion = bar
+    for other, said in (
+        (characters[2], r"^the motion moves 13 bones in 2 dimensions, the character has 2 in 2$"),
+        (characters[3], r"^the motion moves 3 bones in 3 dimensions, the character has 2 in 2$"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            fit(character, random_motion(other, frames=2), TINY)
+    with pytest.raises(ValueError, match=r"^steps must be positive, got 0$"):
+        fit(character, motion, TINY, steps=0)
+
+
+@pytest.mark.parametrize("step", [1, 11])
+def test_an_interrupted_training_goes_on_to_the_same_end(step: int, bar, tmp_path: Path, monkeypatch) -> None:
+    whole, path = fit(*bar, TINY), tmp_path / "a.checkpoint"
+    with monkeypatch.context() as patch:
+        interrupted_at(step, patch)
+        with pytest.raises(KeyboardInterrupt):
+            fit(*bar, TINY, checkpoint=path)
+    lines: list[str] = []
+    assert_same(fit(*bar, TINY, checkpoint=path, resume=True, report=lines.append), whole)
+    assert lines == [f"continuing at step {step}"]
+    # Without asking for it, the checkpoint is left aside.
+    lines.clear()
+    assert_same(fit(*bar, TINY, checkpoint=path, report=lines.append), whole)
+    assert not lines
+
+
+def test_without_a_checkpoint_the_training_starts_and_says_so(bar, tmp_path: Path) -> None:
+    lines: list[str] = []
+    model = fit(*bar, TINY, checkpoint=tmp_path / "none", resume=True, report=lines.append)
+    assert_same(model, fit(*bar, TINY))
+    assert lines == [f"no checkpoint {tmp_path / 'none'}: training starts at step 0"]
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_checkpoint_of_another_training_is_refused(bar, tmp_path: Path, monkeypatch) -> None:
+    character, motion = bar
+    path = tmp_path / "a.checkpoint"
+    with monkeypatch.context() as patch:
+        interrupted_at(3, patch)
+        with pytest.raises(KeyboardInterrupt):
+            fit(character, motion, TINY, checkpoint=path)
+    other = assemble(V, E, C, BE, W[:, ::-1], name="bar")
+    for given in (
+        (character, motion, Settings(**(vars(TINY) | {"seed": 1}))),
+        (character, random_motion(character, frames=4, seed=1), TINY),
+        (other, motion, TINY),
+    ):
+        with pytest.raises(FileFormatError, match=r"a\.checkpoint: belongs to a training with other files or settings"):
+            fit(*given, checkpoint=path, resume=True)
+    with pytest.raises(FileFormatError, match="belongs to a training with other files or settings"):
+        fit(character, motion, TINY, checkpoint=path, resume=True, dtype=torch.float64)
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(FileFormatError):
+        fit(character, motion, TINY, checkpoint=path, resume=True)
+
+
+def test_removing_a_checkpoint_that_may_not_be_there(tmp_path: Path) -> None:
+    path = tmp_path / "a.checkpoint"
+    path.write_bytes(b"")
+    remove_checkpoint(path)
+    remove_checkpoint(path)
+    assert not path.exists()
+
+
+# The command as it is, but for a training small enough for a test, saved at every step, and slow enough to be killed.
+SLOWLY = f"""
+import functools, sys, time
+import torch
+import nilbs.fitting
+from nilbs.app.main import main
+from nilbs.fields.objective import NilbsObjective
+
+torch.set_num_threads(1)
+loss = NilbsObjective.__call__
+NilbsObjective.__call__ = lambda self, step: (time.sleep(0.05), loss(self, step))[1]
+nilbs.fitting.train = functools.partial(nilbs.fitting.train, save_seconds=0.0)
+nilbs.fitting.Settings = functools.partial(nilbs.fitting.Settings, **{SIZES})
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system cannot kill a process on the spot")
+def test_a_training_killed_half_way_and_resumed_ends_at_the_same_loss(tmp_path: Path, monkeypatch, capsys) -> None:
+    steps = 60
+    write_mesh(tmp_path / "bar.obj", V, E)
+    write_tgf(tmp_path / "bar.tgf", np.pad(C, ((0, 0), (0, 1))), BE)
+    write_weights(tmp_path / "bar.npz", W)
+    monkeypatch.setattr("nilbs.fitting.Settings", functools.partial(Settings, **SIZES))
+
+    def command(name: str) -> list[str]:
+        files = [str(tmp_path / file) for file in ("bar.obj", "bar.tgf")]
+        options = ["--weights", str(tmp_path / "bar.npz"), "--frames", "4", "--steps", str(steps), "--device", "cpu"]
+        return ["train", *files, *options, "-o", str(tmp_path / name), "--json"]
+
+    killed = subprocess.Popen([sys.executable, "-c", SLOWLY, *command("killed.nilbs")], stderr=subprocess.DEVNULL)
+    checkpoint = tmp_path / "killed.nilbs.checkpoint"
+    while killed.poll() is None and steps_done(checkpoint) < steps // 3:
+        time.sleep(0.02)
+    killed.kill()
+    assert killed.wait() == -signal.SIGKILL
+    assert steps // 3 <= steps_done(checkpoint) < steps
+    assert not (tmp_path / "killed.nilbs").exists()
+    losses = []
+    for arguments in (command("whole.nilbs"), [*command("killed.nilbs"), "--resume"]):
+        assert main(arguments) == 0
+        out, err = capsys.readouterr()
+        losses.append(json.loads(out)["loss"])
+    assert "continuing at step" in err
+    assert losses[1] == pytest.approx(losses[0], rel=1e-6)
+    histories = [load_model(tmp_path / name).history for name in ("whole.nilbs", "killed.nilbs")]
+    np.testing.assert_allclose(histories[1], histories[0], rtol=1e-6)
+    assert not checkpoint.exists()
+
+
+def steps_done(checkpoint: Path) -> int:
+    return read_archive(checkpoint, kind="nilbs checkpoint 1")[1]["step"] if checkpoint.exists() else 0

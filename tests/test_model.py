@@ -1,0 +1,271 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import nilbs.model
+from nilbs.geometry.facets import is_watertight
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
+from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
+from nilbs.io.archive import read_archive, write_archive
+from nilbs.io.errors import FileFormatError
+from nilbs.model import KIND, Model, check_character, in_unit_frame, load_model, torch_device
+
+DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
+ANSWERS = ("occupancy", "distance", "weights")
+
+
+def rigid(d: int, rng: np.random.Generator, *, far: float = 1.0) -> np.ndarray:
+    return rigid_transforms(rotation_matrices(rng.normal(size=3 if d == 3 else 1)), far * rng.normal(size=d))
+
+
+def queries(model: Model, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Points around a posed character, and the pose."""
+    c, pose = model.character, model.motion[3]
+    U = linear_blend_skinning(c.V, c.W, pose)
+    cube = Grid.cube(U, 1)
+    return rng.uniform(cube.lower, cube.upper, (n, c.d)), pose
+
+
+@pytest.fixture
+def saved(models, tmp_path: Path) -> dict[int, Path]:
+    for d, model in models.items():
+        model.save(tmp_path / f"{d}.nilbs")
+    return {d: tmp_path / f"{d}.nilbs" for d in models}
+
+
+@DIMENSIONS
+def test_answers_have_their_shapes_and_ranges(d: int, models, rng: np.random.Generator) -> None:
+    model = models[d]
+    x, pose = queries(model, 500, rng)
+    occupancy, W = model.occupancy(x, pose), model.weights(x, pose)
+    assert occupancy.shape == (500,)
+    assert 0 <= occupancy.min() < 0.5 < occupancy.max() <= 1
+    assert W.shape == (500, len(model.character.BE) + 1)
+    assert W.min() >= 0
+    np.testing.assert_allclose(W.sum(axis=1), 1, atol=1e-5)
+    # Occupancy by eq. 7 and 8, from the other answers.
+    width = model.settings.cache_width * model.character.L
+    inside = 1 / (1 + np.exp(np.clip(model.distance(x, pose) / width, -50, 50)))
+    np.testing.assert_allclose(model.occupancy(x, pose, ghost=False), inside, atol=1e-5)
+    np.testing.assert_allclose(occupancy, (1 - W[:, -1]) * inside, atol=1e-5)
+
+
+@DIMENSIONS
+def test_rest_points_invert_the_blend_of_the_weights_answered(d: int, models, rng: np.random.Generator) -> None:
+    model = models[d]
+    x, pose = queries(model, 200, rng)
+    W = model.weights(x, pose).astype(np.float64)
+    bones = W[:, :-1].copy()
+    bones[:, model.root] += W[:, -1]
+    x_rest = inverse_linear_blend_skinning(x, bones / bones.sum(axis=1, keepdims=True), pose)
+    near = np.linalg.norm(x_rest - x, axis=1) < 2  # a blend that is nearly singular loses digits
+    assert near.mean() > 0.9
+    np.testing.assert_allclose(model.rest_points(x, pose)[near], x_rest[near], atol=1e-3)
+
+
+@DIMENSIONS
+@pytest.mark.parametrize("far", [1.0, 1e4])
+def test_a_rigidly_moved_query_is_answered_as_at_rest(d: int, far: float, models, rng: np.random.Generator) -> None:
+    model = models[d]
+    x, pose = queries(model, 300, rng)
+    rest = np.broadcast_to(np.eye(d + 1), pose.shape)
+    world = rigid(d, rng, far=far)
+    for B in (rest, pose):
+        moved = transform_points(world, x), world @ B
+        for answer in ANSWERS:
+            np.testing.assert_allclose(getattr(model, answer)(*moved), getattr(model, answer)(x, B), atol=1e-5)
+        np.testing.assert_allclose(model.rest_points(*moved), model.rest_points(x, B), atol=1e-4)
+
+
+@DIMENSIONS
+def test_in_double_precision_a_rigid_motion_leaves_nothing(d: int, saved, rng: np.random.Generator) -> None:
+    model = load_model(saved[d]).to(dtype=torch.float64)
+    x, pose = queries(model, 300, rng)
+    world = rigid(d, rng)
+    for answer in ANSWERS:
+        values = getattr(model, answer)(x, pose)
+        assert values.dtype == np.float64
+        moved = getattr(model, answer)(transform_points(world, x), world @ pose)
+        np.testing.assert_allclose(moved, values, atol=1e-9)
+
+
+@DIMENSIONS
+def test_a_character_in_another_unit_is_the_same_to_the_field(d: int, characters, rng: np.random.Generator) -> None:
+    c, s, shift = characters[d], 250.0, 31.0
+    large = replace(c, V=s * c.V + shift, C=s * c.C + shift)
+    to = rigid_transforms(s * np.eye(d), np.full(d, shift))
+    back = np.linalg.inv(to)
+    x, B = rng.normal(size=(20, d)), np.stack([rigid(d, rng) for _ in c.BE])
+    for given, scaled in zip(in_unit_frame(c, x, B), in_unit_frame(large, s * x + shift, to @ B @ back), strict=True):
+        np.testing.assert_allclose(scaled, given, atol=1e-10)
+    np.testing.assert_allclose(in_unit_frame(c, x, B)[1][np.flatnonzero(c.P < 0)[0]], np.eye(d + 1), atol=1e-12)
+
+
+@DIMENSIONS
+def test_chunks_do_not_change_the_answers(d: int, models, rng: np.random.Generator, monkeypatch) -> None:
+    model = models[d]
+    x, pose = queries(model, 100, rng)
+    whole = {answer: getattr(model, answer)(x, pose) for answer in ANSWERS}
+    monkeypatch.setattr(nilbs.model, "CHUNK", 7)
+    for answer in ANSWERS:
+        np.testing.assert_allclose(getattr(model, answer)(x, pose), whole[answer], atol=1e-6)
+
+
+@DIMENSIONS
+def test_no_points(d: int, models) -> None:
+    model = models[d]
+    pose, x = model.motion[0], np.zeros((0, d))
+    assert model.occupancy(x, pose).shape == (0,)
+    assert model.distance(x, pose).shape == (0,)
+    assert model.weights(x, pose).shape == (0, len(model.character.BE) + 1)
+    assert model.rest_points(x, pose).shape == (0, d)
+
+
+@DIMENSIONS
+def test_what_is_no_query_is_refused(d: int, models) -> None:
+    model = models[d]
+    b, pose = len(model.character.BE), model.motion[0]
+    with pytest.raises(ValueError, match=rf"^pose must be \(b, d\+1, d\+1\) = \({b}, {d + 1}, {d + 1}\), got \(1,"):
+        model.occupancy(np.zeros((4, d)), pose[:1])
+    with pytest.raises(ValueError, match=r"^pose must be"):
+        model.distance(np.zeros((4, 5 - d)), pose)
+    with pytest.raises(ValueError, match=r"^x\[0, 0\] is nan"):
+        model.weights(np.full((1, d), np.nan), pose)
+    singular = pose.copy()
+    singular[model.root, :d, :d] = 0
+    with pytest.raises(ValueError, match=r"^bone 0, the root, has a singular transform$"):
+        model.rest_points(np.zeros((4, d)), singular)
+
+
+@DIMENSIONS
+def test_the_surface_is_closed_and_occupancy_is_one_half_on_it(d: int, models) -> None:
+    model = models[d]
+    pose = model.motion[2]
+    U, F = model.extract(pose, resolution=40)
+    assert is_watertight(F)
+    assert np.median(np.abs(model.occupancy(U, pose) - 0.5)) < 0.1
+    # Asking coarsely first saves work and changes nothing.
+    grid = Grid.cube(linear_blend_skinning(model.character.V, model.character.W, pose), 40)
+    everywhere = model.extract_on(grid, pose, stride=1)
+    np.testing.assert_allclose(U, everywhere[0], atol=1e-6)
+    np.testing.assert_array_equal(F, everywhere[1])
+
+
+@DIMENSIONS
+def test_what_was_saved_is_loaded(d: int, models, saved, rng: np.random.Generator) -> None:
+    model, again = models[d], load_model(saved[d])
+    for name in ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume"):
+        np.testing.assert_array_equal(getattr(again.character, name), getattr(model.character, name))
+    assert again.character.name == model.character.name
+    assert again.character.names == model.character.names
+    np.testing.assert_array_equal(again.motion.B, model.motion.B)
+    np.testing.assert_array_equal(again.motion.frames, model.motion.frames)
+    np.testing.assert_array_equal(again.history, model.history)
+    assert again.config == model.config
+    assert again.config["motion"] == "random, amplitude 0.4 rad rms, 6 frames, seed 0"
+    assert again.config["frames"] == 6
+    x, pose = queries(model, 200, rng)
+    for answer in ANSWERS:
+        np.testing.assert_array_equal(getattr(again, answer)(x, pose), getattr(model, answer)(x, pose))
+
+
+def test_double_precision_survives_a_file(saved, tmp_path: Path, rng: np.random.Generator) -> None:
+    model = load_model(saved[2]).to(dtype=torch.float64)
+    with torch.no_grad():
+        model.field.network.layers[0].bias += 1e-12
+    model.save(tmp_path / "double.nilbs")
+    again = load_model(tmp_path / "double.nilbs")
+    x, pose = queries(model, 50, rng)
+    np.testing.assert_array_equal(again.occupancy(x, pose), model.occupancy(x, pose))
+    assert again.occupancy(x, pose).dtype == np.float64
+
+
+def test_any_flipped_byte_is_noticed(saved, tmp_path: Path, rng: np.random.Generator) -> None:
+    data = saved[3].read_bytes()
+    path = tmp_path / "damaged.nilbs"
+    header = 8 + int.from_bytes(data[:8], "little")
+    places = np.concatenate([np.arange(16), rng.integers(0, header, 150), rng.integers(header, len(data), 50)])
+    for place in [*places.tolist(), len(data) - 1]:
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        with pytest.raises(FileFormatError):
+            load_model(path)
+
+
+def test_any_truncation_and_any_addition_is_noticed(saved, tmp_path: Path, rng: np.random.Generator) -> None:
+    data = saved[3].read_bytes()
+    path = tmp_path / "cut.nilbs"
+    for length in [0, 1, 7, 8, 9, len(data) - 1, *rng.integers(0, len(data), 30).tolist()]:
+        path.write_bytes(data[:length])
+        with pytest.raises(FileFormatError):
+            load_model(path)
+    path.write_bytes(data + b"\0")
+    with pytest.raises(FileFormatError):
+        load_model(path)
+
+
+def test_another_version_is_named(saved, tmp_path: Path) -> None:
+    contents, text = read_archive(saved[2], kind=KIND)
+    write_archive(tmp_path / "old.nilbs", contents, text, kind="nilbs model 0")
+    with pytest.raises(FileFormatError, match=r"is 'nilbs model 0', not 'nilbs model 1', which this version of nilbs"):
+        load_model(tmp_path / "old.nilbs")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c, t: c.pop("character.V"), "V"),
+        (lambda c, t: c.pop("motion.frames"), "motion.frames"),
+        (lambda c, t: c.pop("field.network.layers.1.weight"), "layers.1.weight"),
+        (lambda c, t: c.update({"character.W": c["character.W"][:-1]}), r"W must be"),
+        (lambda c, t: c.update({"character.F": c["character.F"] + 10**6}), "F has an index outside"),
+        (lambda c, t: c.update({"character.P": np.full_like(c["character.P"], 99)}), "parents of bones do not fit"),
+        (lambda c, t: c.update({"character.colour": c["character.V"]}), "colour"),
+        (lambda c, t: c.update({"motion.B": c["motion.B"][:, :1]}), "the motion has shape"),
+        (lambda c, t: c.update({"field.cache.values": c["field.cache.values"][:1]}), "the rest cache has shape"),
+        (lambda c, t: c.update({"field.cache.origin": np.zeros(7, dtype=np.float32)}), "origin must be"),
+        (lambda c, t: c.update({"history": np.zeros((2, 2))}), "history must be"),
+        (lambda c, t: t.pop("spacing"), "spacing"),
+        (lambda c, t: t.update(spacing="wide"), "could not convert"),
+        (lambda c, t: t.update(bones=["a"]), "names or parents of bones do not fit the bones"),
+        (lambda c, t: t["settings"].update(steps="many"), "steps must be of type int"),
+        (lambda c, t: t["settings"].pop("steps"), "settings are"),
+    ],
+)
+def test_an_archive_that_is_no_complete_model_is_refused(change, message: str, saved, tmp_path: Path) -> None:
+    contents, text = read_archive(saved[2], kind=KIND)
+    change(contents, text)
+    write_archive(tmp_path / "odd.nilbs", contents, text, kind=KIND)
+    with pytest.raises(FileFormatError, match=rf"odd\.nilbs: is not a complete nilbs model: .*{message}") as caught:
+        load_model(tmp_path / "odd.nilbs")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_cannot_be_written_leaves_what_was_there(models, saved, tmp_path: Path, monkeypatch) -> None:
+    before = saved[2].read_bytes()
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        models[3].save(saved[2])
+    assert saved[2].read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["2.nilbs", "3.nilbs"]
+
+
+def test_devices_are_checked_by_name() -> None:
+    assert torch_device("cpu") == "cpu"
+    assert torch_device("auto") == ("cuda" if torch.cuda.is_available() else "cpu")
+    with pytest.raises(ValueError, match=r"^torch cannot use the device 'abacus': "):
+        torch_device("abacus")
+
+
+@DIMENSIONS
+def test_the_characters_of_models_are_sound(d: int, models) -> None:
+    check_character(models[d].character)
