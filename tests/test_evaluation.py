@@ -8,6 +8,7 @@ import pytest
 from nilbs.character import Character
 from nilbs.evaluation import POSE_SETS, evaluate, evaluation_poses
 from nilbs.fields.mesh_lbs import MeshLbs
+from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.isosurface import isosurface
 from nilbs.geometry.kinematics import local_rotations
@@ -74,6 +75,22 @@ def test_a_perfect_an_empty_and_an_inverted_prediction(d: int, characters) -> No
     assert seen["normal_consistency"]["frames"][2] < 0.5
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_points_fill_the_cube_and_cling_to_the_surface(d: int, characters, monkeypatch) -> None:
+    c, asked = characters[d], []
+    model = stand_in(c, "perfect", frames=1)
+    monkeypatch.setattr(StandIn, "occupancy", lambda self, x, pose: (asked.append(x), np.zeros(len(x)))[1])
+    evaluate(model, points=4000, resolution=4, poses=["seen"])
+    bbox, surface = asked
+    U = linear_blend_skinning(c.V, c.W, model.motion[0])
+    cube = Grid.cube(U, 1)
+    np.testing.assert_allclose(bbox.min(axis=0), cube.lower, atol=0.01)
+    np.testing.assert_allclose(bbox.max(axis=0), cube.upper, atol=0.01)
+    np.testing.assert_allclose(bbox.mean(axis=0), (cube.lower + cube.upper) / 2, atol=0.03)
+    distance = signed_distance(U, c.F, surface)
+    assert np.sqrt((distance**2).mean()) == pytest.approx(0.006 * c.L, rel=0.1)
+
+
 def test_a_prediction_that_is_always_empty_has_scores_without_a_value(characters) -> None:
     scores = evaluate(stand_in(characters[2], "empty"), points=100, resolution=8, poses=["seen"])
     chamfer = scores.json()["poses"]["seen"]["chamfer_l1"]
@@ -124,6 +141,9 @@ def test_the_floor_is_the_perfect_prediction(characters) -> None:
     without = evaluate(model, points=300, resolution=16, poses=["seen", "far"]).json()
     assert without["rows"] == {}
     assert without["poses"] == values["poses"]
+    # It is the truth's, whatever the model says.
+    blind = evaluate(stand_in(characters[2], "empty"), points=300, resolution=16, poses=["seen", "far"], rows=["floor"])
+    assert blind.json()["rows"] == values["rows"]
 
 
 def test_the_seed_and_nothing_else_is_chance(characters, models) -> None:
@@ -131,6 +151,8 @@ def test_the_seed_and_nothing_else_is_chance(characters, models) -> None:
     first = evaluate(models[2], **options).json()
     assert evaluate(models[2], **options).json() == first
     assert evaluate(models[2], seed=1, **options).json()["poses"] != first["poses"]
+    seen = [evaluate(models[2], seed=seed, **(options | {"poses": ["seen"]})).json() for seed in (0, 1)]
+    assert seen[0]["poses"] != seen[1]["poses"]
     # A set's scores do not depend on which others are asked for.
     both = evaluate(models[2], **(options | {"poses": ["seen", "unseen"]})).json()
     assert both["poses"]["unseen"] == first["poses"]["unseen"]

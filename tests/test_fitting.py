@@ -58,16 +58,18 @@ def assert_same(model: Model, other: Model) -> None:
         assert torch.equal(a, b), name
 
 
-def interrupted_at(step: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the training be interrupted when it comes to a step."""
-    loss = NilbsObjective.__call__
+def watched(monkeypatch: pytest.MonkeyPatch, *, interrupt_at: int | None = None) -> list[int]:
+    """The steps that a training makes; it can be interrupted when it comes to one."""
+    loss, steps = NilbsObjective.__call__, []
 
-    def interrupting(self: NilbsObjective, k: int) -> torch.Tensor:
-        if k == step:
+    def watching(self: NilbsObjective, step: int) -> torch.Tensor:
+        if step == interrupt_at:
             raise KeyboardInterrupt
-        return loss(self, k)
+        steps.append(step)
+        return loss(self, step)
 
-    monkeypatch.setattr(NilbsObjective, "__call__", interrupting)
+    monkeypatch.setattr(NilbsObjective, "__call__", watching)
+    return steps
 
 
 def test_the_same_seed_gives_the_same_model(bar) -> None:
@@ -115,11 +117,14 @@ def test_a_motion_of_another_rig_is_refused(bar, characters) -> None:
 def test_an_interrupted_training_goes_on_to_the_same_end(step: int, bar, tmp_path: Path, monkeypatch) -> None:
     whole, path = fit(*bar, TINY), tmp_path / "a.checkpoint"
     with monkeypatch.context() as patch:
-        interrupted_at(step, patch)
+        watched(patch, interrupt_at=step)
         with pytest.raises(KeyboardInterrupt):
             fit(*bar, TINY, checkpoint=path)
     lines: list[str] = []
-    assert_same(fit(*bar, TINY, checkpoint=path, resume=True, report=lines.append), whole)
+    with monkeypatch.context() as patch:
+        steps = watched(patch)
+        assert_same(fit(*bar, TINY, checkpoint=path, resume=True, report=lines.append), whole)
+    assert steps == list(range(step, 20))
     assert lines == [f"continuing at step {step}"]
     # Without asking for it, the checkpoint is left aside.
     lines.clear()
@@ -139,7 +144,7 @@ def test_the_checkpoint_of_another_training_is_refused(bar, tmp_path: Path, monk
     character, motion = bar
     path = tmp_path / "a.checkpoint"
     with monkeypatch.context() as patch:
-        interrupted_at(3, patch)
+        watched(patch, interrupt_at=3)
         with pytest.raises(KeyboardInterrupt):
             fit(character, motion, TINY, checkpoint=path)
     other = assemble(V, E, C, BE, W[:, ::-1], name="bar")
