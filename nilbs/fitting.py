@@ -13,7 +13,7 @@ import torch
 
 from nilbs.character import Character, Report
 from nilbs.fields.nilbs import NilbsField
-from nilbs.fields.objective import NilbsObjective, RandomPoses
+from nilbs.fields.objective import REFRESH, NilbsObjective, RandomPoses
 from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
 from nilbs.fields.training import TrainingState, train
 from nilbs.geometry.distance import signed_distance
@@ -74,7 +74,7 @@ def fit(
     FileFormatError
         If the checkpoint cannot be read.
     """
-    settings = replace(settings or Settings(), **changes)
+    settings = replace(settings or Settings(), **changes).resolved(bones=len(character.BE), d=character.d)
     report = report or (lambda line: None)
     if motion.B.shape[1:] != (len(character.BE), character.d + 1, character.d + 1):
         raise ValueError(
@@ -100,6 +100,7 @@ def fit(
         learning_rate=settings.learning_rate,
         state=state,
         save=save,
+        save_every=REFRESH,
         progress=progress,
     )
     return Model(character, motion, settings, history, field)
@@ -113,7 +114,7 @@ def remove_checkpoint(path: str | Path) -> None:
 
 def _field_with_cache(character: Character, settings: Settings) -> NilbsField:
     V = (character.V - rest_center(character)) / character.L
-    grid = Grid.box(V, settings.cache_resolution or {2: 512, 3: 128}[character.d])
+    grid = Grid.box(V, settings.cache_resolution)
     values = np.empty(grid.size, dtype=np.float32)
     for part, points in grid.chunks(2**20):
         values[part] = signed_distance(V, character.F, points)

@@ -1,7 +1,7 @@
 """Settings of a training, as they are stored in a model file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 
@@ -12,7 +12,7 @@ class Settings:
     Attributes
     ----------
     steps : int
-        Training steps.
+        Training steps; 0 takes 3000 and 300 more for each bone, at most 12000.
     learning_rate : float
         Largest rate of the one-cycle schedule.
     width, depth : int
@@ -41,12 +41,12 @@ class Settings:
         The same seed, on the same machine with the same threads, gives the same model.
     """
 
-    steps: int = 4000
-    learning_rate: float = 3e-3
+    steps: int = 0
+    learning_rate: float = 1e-2
     width: int = 96
     depth: int = 5
-    poses_per_step: int = 8
-    points_per_pose: int = 1024
+    poses_per_step: int = 64
+    points_per_pose: int = 128
     samples_per_frame: int = 20_000
     noise: float = 0.006
     supervision: str = "volume"
@@ -54,7 +54,7 @@ class Settings:
     weight_loss: float = 1.0
     random_pose_std: float = 0.8
     cache_resolution: int = 0
-    cache_width: float = 0.01
+    cache_width: float = 0.005
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -66,13 +66,22 @@ class Settings:
                 raise ValueError(f"{field.name} must be of type {kind.__name__}, got {value!r}")
             if kind is not str and not 0 <= value < 1e9:
                 raise ValueError(f"{field.name} must lie between 0 and 1e9, got {value!r}")
-        for name in ("steps", "width", "poses_per_step", "points_per_pose", "samples_per_frame", "cache_width"):
+        for name in ("width", "poses_per_step", "points_per_pose", "samples_per_frame", "cache_width"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
         if self.depth < 2:
             raise ValueError(f"depth must be at least 2, got {self.depth}")
         if self.supervision not in ("volume", "paper"):
             raise ValueError(f"supervision must be 'volume' or 'paper', got {self.supervision!r}")
+
+    def resolved(self, *, bones: int, d: int) -> "Settings":
+        """Settings in which every zero that stands for "as fits the character" is replaced by its number."""
+        return replace(
+            self,
+            # More bones are more to tell apart, and take longer.
+            steps=self.steps or min(3000 + 300 * bones, 12_000),
+            cache_resolution=self.cache_resolution or {2: 512, 3: 128}[d],
+        )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> "Settings":

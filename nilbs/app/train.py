@@ -36,6 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"rms local rotation of every bone but the roots in random motion (default {AMPLITUDE})",
     )
     parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
+    parser.add_argument(
+        "--supervision",
+        choices=("volume", "paper"),
+        default="volume",
+        help="where weights are known: in the rest volume, posed (default), or as in the paper on the rest surface",
+    )
     parser.add_argument("--resume", action="store_true", help="go on from MODEL.checkpoint, if it exists")
     parser.add_argument(
         "--device", default="auto", metavar="NAME", help="cpu, cuda, ...; by default a GPU, if there is one"
@@ -67,7 +73,9 @@ def run(args: argparse.Namespace) -> None:
     character = load_character(args.mesh, args.rig, args.weights, progress=True, report=_report)
     motion = _motion(args, character)
     checkpoint = f"{args.output}.checkpoint"
-    settings = {"seed": args.seed} | ({} if args.steps is None else {"steps": args.steps})
+    settings = {"seed": args.seed, "supervision": args.supervision} | (
+        {} if args.steps is None else {"steps": args.steps}
+    )
     try:
         model = fit(
             character,

@@ -6,9 +6,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from nilbs.fields.adaptive import AdaptiveSampler
 from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.samples import OccupancySamples, RestSamples
 from nilbs.geometry.kinematics import forward_kinematics, random_rotations
+
+# Steps between two looks at the whole pool of labelled points.
+REFRESH = 500
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,9 @@ class RandomPoses:
 
 class NilbsObjective:
     """Loss of a NiLBS field at a training step.
+
+    The occupancy loss draws half of its labelled points in proportion to the field's error on them, looked up anew
+    every `REFRESH` steps; a training may be continued only at a multiple of those.
 
     The occupancy loss compares the field with the truth at labelled points of the motion's frames. The weight loss is
     the cross-entropy between the network's weights and known ones at rest points that skinning has posed, where the
@@ -82,19 +89,29 @@ class NilbsObjective:
         self.poses = torch.as_tensor(poses, dtype=like.dtype, device=like.device)
         self.x = torch.as_tensor(labelled.x, dtype=like.dtype, device=like.device)
         self.inside = torch.as_tensor(labelled.inside, device=like.device)
+        self.sampler = AdaptiveSampler(*labelled.inside.shape)
         self.x_rest = torch.as_tensor(rest.x_rest, dtype=like.dtype, device=like.device)
         self.W = torch.as_tensor(rest.W, dtype=like.dtype, device=like.device)
 
     def __call__(self, step: int) -> Tensor:
         """Sum of both losses on the batch of a step."""
+        if step % REFRESH == 0:
+            self.sampler.refresh(self._error)
         rng = np.random.default_rng([self.seed, step])
         return self._occupancy_loss(rng) + self.weight_loss * self._weight_loss(rng)
 
     def _occupancy_loss(self, rng: np.random.Generator) -> Tensor:
-        frame = self._indices(rng, len(self.poses), (self.poses_per_step, 1))
-        point = self._indices(rng, self.x.shape[1], (self.poses_per_step, self.points_per_pose))
-        logit = self.field.logit(self.field(self.x[frame, point], self.poses[frame[:, 0]]))
-        return nn.functional.binary_cross_entropy_with_logits(logit, self.inside[frame, point].to(logit.dtype))
+        frames, points = self.sampler.draw(self.poses_per_step, self.points_per_pose, rng)
+        frame = torch.as_tensor(frames, device=self.poses.device)
+        point = torch.as_tensor(points, device=self.poses.device)
+        logit = self.field.logit(self.field(self.x[frame[:, None], point], self.poses[frame]))
+        inside = self.inside[frame[:, None], point].to(logit.dtype)
+        return nn.functional.binary_cross_entropy_with_logits(logit, inside)
+
+    def _error(self, frame: int) -> Tensor:
+        """Squared error of occupancy at all labelled points of a frame."""
+        logit = self.field.logit(self.field(self.x[frame : frame + 1], self.poses[frame : frame + 1]))[0]
+        return (torch.sigmoid(logit) - self.inside[frame].to(logit.dtype)) ** 2
 
     def _weight_loss(self, rng: np.random.Generator) -> Tensor:
         B = self._weight_poses(rng)

@@ -78,10 +78,10 @@ def occupancy_samples(
     for pose in B:
         U = linear_blend_skinning(V, W, pose)
         cube = Grid.cube(U, 1)
-        uniform = uniform_samples(cube.lower, cube.upper, n // 2, rng=rng)
-        far = (n - n // 2) // 4
-        near = near_surface_samples(U, F, n - n // 2 - far, std=noise, rng=rng)
-        x = np.concatenate([uniform, near, near_surface_samples(U, F, far, std=4 * noise, rng=rng)])
+        uniform = uniform_samples(cube.lower, cube.upper, n // 4, rng=rng)
+        around = near_surface_samples(U, F, n // 4, std=8 * noise, rng=rng)
+        near = near_surface_samples(U, F, n - 2 * (n // 4), std=noise, rng=rng)
+        x = np.concatenate([uniform, around, near])
         points.append(x.astype(np.float32))
         inside.append(occupancy(U, F, x))
     return OccupancySamples(np.stack(points), np.stack(inside))

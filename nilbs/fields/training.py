@@ -37,6 +37,7 @@ def train(
     learning_rate: float,
     state: TrainingState | None = None,
     save: Callable[[TrainingState], None] | None = None,
+    save_every: int = 1,
     save_seconds: float = 20.0,
     progress: bool = False,
 ) -> np.ndarray:
@@ -47,8 +48,8 @@ def train(
     module : torch.nn.Module
         Its parameters are changed in place.
     loss : function of int
-        Loss at a step. It must depend on nothing but the step and the parameters, so that a training continued from a
-        saved state ends where one left alone ends.
+        Loss at a step. It must depend on nothing but the step, the parameters and what it saw since the last multiple
+        of `save_every`, so that a training continued from a saved state ends where one left alone ends.
     steps : int
         Steps in all, those of `state` included.
     learning_rate : float
@@ -56,7 +57,12 @@ def train(
     state : TrainingState, optional
         Where to go on from.
     save : function of TrainingState, optional
-        Called every `save_seconds`, and when the training is interrupted.
+        Called with the state at a multiple of `save_every` steps: the first such step after each `save_seconds`, and
+        the last one when the training is interrupted.
+    save_every : int
+        Steps between states that a training may be continued from.
+    save_seconds : float
+        Seconds between saves.
     progress : bool
         Show a bar with loss, rate and time left on standard error.
 
@@ -84,6 +90,7 @@ def train(
         history[:first] = state.history[:first]
     saved_at = monotonic()
     step = first
+    latest: TrainingState | None = None
     with tqdm(total=steps, initial=first, desc="training", unit="step", disable=not progress, delay=2) as bar:
         try:
             while step < steps:
@@ -101,12 +108,14 @@ def train(
                 if step % 20 == 0 or step == steps:
                     bar.set_postfix(loss=f"{history[max(0, step - 100) : step].mean():.4f}", refresh=False)
                 bar.update()
-                if save is not None and monotonic() - saved_at > save_seconds:
-                    save(_capture(parameters, optimizer, step, history))
-                    saved_at = monotonic()
+                if save is not None and step % save_every == 0:
+                    latest = _capture(parameters, optimizer, step, history)
+                    if monotonic() - saved_at > save_seconds:
+                        save(latest)
+                        saved_at = monotonic()
         except KeyboardInterrupt:
-            if save is not None and step > first:
-                save(_capture(parameters, optimizer, step, history))
+            if save is not None and latest is not None:
+                save(latest)
             raise
     return history
 

@@ -1,6 +1,8 @@
 """Tetrahedra that fill a closed surface and hold the bones, by TetGen (AGPL, inside libigl's copyleft module)."""
 
-from contextlib import chdir
+import os
+from collections.abc import Iterator
+from contextlib import chdir, contextmanager
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -68,8 +70,8 @@ def conforming_tetrahedra(
     center = (V.min(axis=0) + V.max(axis=0)) / 2
     points = np.concatenate([V, bone_samples(C, BE, samples_per_bone)])
     try:
-        # Where TetGen gives up it leaves files in the working folder.
-        with TemporaryDirectory() as folder, chdir(folder):
+        # Where TetGen gives up it leaves files in the working folder and writes past Python to standard error.
+        with TemporaryDirectory() as folder, chdir(folder), _silent_stderr():
             V_volume, T = tetgen.tetrahedralize((points - center) / size, F, flags="pq2YQ")[:2]
     except RuntimeError as error:
         raise ValueError(
@@ -80,3 +82,16 @@ def conforming_tetrahedra(
     T = T.astype(np.int64)
     T = np.where((element_volumes(V_volume, T) < 0)[:, None], T[:, [0, 2, 1, 3]], T)
     return V_volume, T
+
+
+@contextmanager
+def _silent_stderr() -> Iterator[None]:
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

@@ -1,0 +1,52 @@
+"""Which labelled points a training step sees: more of those that the field still gets wrong."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+
+class AdaptiveSampler:
+    """Draws of (frame, point) pairs, half of them uniform and half in proportion to the field's last known error.
+
+    Most points around a character are easily told to be outside; the few that a smooth weight network maps into the
+    body are rare, and a uniform draw hardly ever meets them.
+
+    Parameters
+    ----------
+    frames, points : int
+        Size of the pool: points of each frame.
+    """
+
+    def __init__(self, frames: int, points: int) -> None:
+        self.frames, self.points = frames, points
+        self.mass = np.ones((frames, points))
+        self._accumulate()
+
+    def refresh(self, error: Callable[[int], Tensor]) -> None:
+        """Look at the whole pool again.
+
+        Parameters
+        ----------
+        error : function of int
+            Non-negative errors (points,) of a frame's points.
+        """
+        with torch.no_grad():
+            found = np.stack([error(frame).cpu().numpy() for frame in range(self.frames)]).astype(np.float64)
+        mean = found.mean()
+        self.mass = 0.5 + 0.5 * found / mean if mean > 0 else np.ones_like(found)
+        self._accumulate()
+
+    def draw(self, poses: int, points: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Frames (poses,), each as likely as its points weigh together, and points (poses, points) in them."""
+        frame_ends = self._sums[self.points - 1 :: self.points]
+        frame = np.searchsorted(frame_ends, rng.uniform(0, frame_ends[-1], poses), side="right")
+        frame = np.minimum(frame, self.frames - 1)
+        start = np.where(frame > 0, frame_ends[frame - 1], 0.0)
+        target = start[:, None] + rng.uniform(0, 1, (poses, points)) * (frame_ends[frame] - start)[:, None]
+        flat = np.searchsorted(self._sums, target.ravel(), side="right").reshape(poses, points)
+        return frame, np.clip(flat - frame[:, None] * self.points, 0, self.points - 1)
+
+    def _accumulate(self) -> None:
+        self._sums = np.cumsum(self.mass.ravel())
