@@ -129,8 +129,8 @@ def one_cycle(step: int, steps: int, learning_rate: float) -> float:
 
     Examples
     --------
-    >>> [round(one_cycle(step, 100, 1.0), 3) for step in (0, 9, 55, 99)]
-    [0.1, 1.0, 0.501, 0.001]
+    >>> [round(one_cycle(step, 100, 1.0), 3) for step in (0, 9, 70, 99)]
+    [0.1, 1.0, 0.251, 0.001]
     """
     warm = max(steps // 10, 1)
     if step < warm:
