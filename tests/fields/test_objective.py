@@ -11,6 +11,12 @@ from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.skinning import linear_blend_skinning
 
 BE, P = np.array([[0, 1], [1, 2]]), np.array([-1, 0])
+REFRESH = 5
+
+
+@pytest.fixture(autouse=True)
+def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nilbs.fields.objective.REFRESH", REFRESH)
 
 
 def joints(d: int) -> np.ndarray:
@@ -43,15 +49,52 @@ def objective(d: int, *, frames: int = 3, points: int = 20, random: bool = True,
     return NilbsObjective(field(d), motion(d, frames), OccupancySamples(x, inside), rest, **options)
 
 
+def learn(loss: NilbsObjective) -> None:
+    with torch.no_grad():
+        for parameter in loss.field.parameters():
+            parameter += 0.1
+
+
 @pytest.mark.parametrize("random", [True, False])
-def test_a_step_depends_on_its_number_alone(random: bool) -> None:
+def test_a_step_depends_on_its_number_and_the_last_look(random: bool) -> None:
     loss = objective(3, random=random)
-    forward = [loss(step).item() for step in range(6)]
-    backward = [loss(step).item() for step in reversed(range(6))]
-    assert forward == backward[::-1]
-    assert len(set(forward)) == 6
-    assert objective(3, random=random)(3).item() == forward[3]
-    assert objective(3, random=random, seed=12)(3).item() != forward[3]
+    first = [loss(step).item() for step in range(REFRESH)]
+    assert len(set(first)) == REFRESH
+    # Whatever came before in the same stretch between two looks.
+    again = objective(3, random=random)
+    assert again(0).item() == first[0]
+    assert [again(step).item() for step in reversed(range(1, REFRESH))] == first[:0:-1]
+    assert objective(3, random=random, seed=12)(0).item() != first[0]
+
+
+def test_the_loss_goes_on_at_a_look_as_if_it_had_never_stopped() -> None:
+    loss, fresh = objective(3), objective(3)
+    loss(0)
+    learn(loss)
+    learn(fresh)
+    stretch = range(REFRESH, 2 * REFRESH)
+    assert [loss(step).item() for step in stretch] == [fresh(step).item() for step in stretch]
+    # Between two looks it cannot: a new objective has not seen what the old one saw.
+    assert objective(3)(REFRESH + 1).item() != fresh(REFRESH + 1).item()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_points_are_drawn_by_the_squared_error_of_their_occupancy_at_the_last_look(d: int) -> None:
+    loss = objective(d)
+    with torch.no_grad():
+        values = loss.field(loss.x, loss.poses)
+    inside = (1 - values.weights[..., -1]) * torch.sigmoid(-values.distance / loss.field.cache.width)
+    error = ((inside - loss.inside.double()) ** 2).numpy()
+    assert error.max() > 2 * error.mean()
+    loss(0)
+    np.testing.assert_allclose(loss.sampler.mass, 0.5 + 0.5 * error / error.mean())
+    seen = loss.sampler.mass
+    learn(loss)
+    for step in range(1, REFRESH):
+        loss(step)
+        np.testing.assert_array_equal(loss.sampler.mass, seen)
+    loss(REFRESH)
+    assert np.abs(loss.sampler.mass - seen).max() > 1e-3
 
 
 @pytest.mark.parametrize("d", [2, 3])
