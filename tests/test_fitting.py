@@ -35,6 +35,8 @@ SIZES = {
     "cache_resolution": 16,
 }
 TINY = Settings(steps=20, **SIZES)
+# Steps between two looks at the labelled points, where a training may be continued.
+REFRESH = 5
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -44,6 +46,12 @@ def one_thread():
     torch.set_num_threads(1)
     yield
     torch.set_num_threads(before)
+
+
+@pytest.fixture(autouse=True)
+def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nilbs.fields.objective.REFRESH", REFRESH)
+    monkeypatch.setattr("nilbs.fitting.REFRESH", REFRESH)
 
 
 @pytest.fixture(scope="module")
@@ -109,15 +117,24 @@ def test_a_motion_of_another_rig_is_refused(bar, characters) -> None:
     ):
         with pytest.raises(ValueError, match=said):
             fit(character, random_motion(other, frames=2), TINY)
-    with pytest.raises(ValueError, match=r"^steps must be positive, got 0$"):
-        fit(character, motion, TINY, steps=0)
+    with pytest.raises(ValueError, match=r"^steps must lie between 0 and 1e9, got -1$"):
+        fit(character, motion, TINY, steps=-1)
 
 
-@pytest.mark.parametrize("step", [1, 11])
-def test_an_interrupted_training_goes_on_to_the_same_end(step: int, bar, tmp_path: Path, monkeypatch) -> None:
+def test_a_training_is_as_long_as_its_rig_asks_for(characters, monkeypatch) -> None:
+    monkeypatch.setattr("nilbs.fitting.train", lambda *args, steps, **options: np.zeros(steps))
+    for d, bones in ((2, 13), (3, 3)):
+        model = fit(characters[d], random_motion(characters[d], frames=2), TINY, steps=0)
+        assert model.settings.steps == len(model.history) == 3000 + 300 * bones
+
+
+@pytest.mark.parametrize(("stop", "step"), [(REFRESH, REFRESH), (14, 10)])
+def test_an_interrupted_training_goes_on_to_the_same_end(
+    stop: int, step: int, bar, tmp_path: Path, monkeypatch
+) -> None:
     whole, path = fit(*bar, TINY), tmp_path / "a.checkpoint"
     with monkeypatch.context() as patch:
-        watched(patch, interrupt_at=step)
+        watched(patch, interrupt_at=stop)
         with pytest.raises(KeyboardInterrupt):
             fit(*bar, TINY, checkpoint=path)
     lines: list[str] = []
@@ -132,6 +149,13 @@ def test_an_interrupted_training_goes_on_to_the_same_end(step: int, bar, tmp_pat
     assert not lines
 
 
+def test_nothing_is_saved_before_a_training_can_be_continued(bar, tmp_path: Path, monkeypatch) -> None:
+    watched(monkeypatch, interrupt_at=REFRESH - 1)
+    with pytest.raises(KeyboardInterrupt):
+        fit(*bar, TINY, checkpoint=tmp_path / "a.checkpoint")
+    assert not list(tmp_path.iterdir())
+
+
 def test_without_a_checkpoint_the_training_starts_and_says_so(bar, tmp_path: Path) -> None:
     lines: list[str] = []
     model = fit(*bar, TINY, checkpoint=tmp_path / "none", resume=True, report=lines.append)
@@ -144,7 +168,7 @@ def test_the_checkpoint_of_another_training_is_refused(bar, tmp_path: Path, monk
     character, motion = bar
     path = tmp_path / "a.checkpoint"
     with monkeypatch.context() as patch:
-        watched(patch, interrupt_at=3)
+        watched(patch, interrupt_at=REFRESH)
         with pytest.raises(KeyboardInterrupt):
             fit(character, motion, TINY, checkpoint=path)
     other = assemble(V, E, C, BE, W[:, ::-1], name="bar")
@@ -170,14 +194,16 @@ def test_removing_a_checkpoint_that_may_not_be_there(tmp_path: Path) -> None:
     assert not path.exists()
 
 
-# The command as it is, but for a training small enough for a test, saved at every step, and slow enough to be killed.
+# The command as it is, but for a training small enough for a test, saved wherever it can be, and slow to be killed.
 SLOWLY = f"""
 import functools, sys, time
 import torch
+import nilbs.fields.objective
 import nilbs.fitting
 from nilbs.app.main import main
 from nilbs.fields.objective import NilbsObjective
 
+nilbs.fields.objective.REFRESH = nilbs.fitting.REFRESH = {REFRESH}
 torch.set_num_threads(1)
 loss = NilbsObjective.__call__
 NilbsObjective.__call__ = lambda self, step: (time.sleep(0.05), loss(self, step))[1]

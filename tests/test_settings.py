@@ -15,6 +15,15 @@ def test_a_whole_number_stands_for_a_length() -> None:
     assert Settings(noise=1).noise == 1
 
 
+@pytest.mark.parametrize(("bones", "steps"), [(1, 3300), (4, 4200), (30, 12_000), (163, 12_000)])
+@pytest.mark.parametrize(("d", "cells"), [(2, 512), (3, 128)])
+def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, cells: int) -> None:
+    resolved = Settings(seed=4).resolved(bones=bones, d=d)
+    assert resolved == Settings(seed=4, steps=steps, cache_resolution=cells)
+    given = Settings(steps=7, cache_resolution=9)
+    assert given.resolved(bones=bones, d=d) == given
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -26,7 +35,9 @@ def test_a_whole_number_stands_for_a_length() -> None:
         ({"seed": -1}, "seed must lie between 0 and 1e9, got -1"),
         ({"learning_rate": float("nan")}, "learning_rate must lie between 0 and 1e9, got nan"),
         ({"shell": float("inf")}, "shell must lie between 0 and 1e9, got inf"),
-        ({"steps": 0}, "steps must be positive, got 0"),
+        ({"steps": -1}, "steps must lie between 0 and 1e9, got -1"),
+        ({"cache_resolution": -1}, "cache_resolution must lie between 0 and 1e9, got -1"),
+        ({"width": 0}, "width must be positive, got 0"),
         ({"cache_width": 0.0}, "cache_width must be positive, got 0.0"),
         ({"depth": 1}, "depth must be at least 2, got 1"),
         ({"supervision": "none"}, "supervision must be 'volume' or 'paper', got 'none'"),

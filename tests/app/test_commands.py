@@ -140,6 +140,19 @@ def test_train(assets, succeeds, nilbs, out, d, quick_training):
     assert again["loss"] == values["loss"]
 
 
+def test_train_as_in_the_paper(assets, succeeds, out, d, quick_training):
+    files = (assets / f"bar{d}.obj", assets / "bar.tgf", "--weights", assets / f"bar{d}-weights.npz", "--frames", 2)
+    losses = {}
+    for supervision in ("paper", "volume"):
+        path = out / f"{supervision}.nilbs"
+        values = succeeds("train", *files, "--supervision", supervision, "--steps", 3, "-o", path)
+        model = load_model(path)
+        assert model.settings.supervision == supervision
+        assert values["steps"] == len(model.history) == 3
+        losses[supervision] = values["loss"]
+    assert losses["paper"] != losses["volume"]
+
+
 def test_train_solves_for_weights_where_none_are_given(assets, succeeds, out, quick_training):
     assert (
         succeeds("train", assets / "bar2.obj", assets / "bar.tgf", "--frames", 2, "-o", out / "m.nilbs")["frames"] == 2
@@ -173,6 +186,9 @@ def test_an_interrupted_training_says_how_to_go_on(assets, nilbs, out, monkeypat
 def test_resume(assets, nilbs, succeeds, out, monkeypatch, quick_training):
     from nilbs.fields import training
 
+    # A training is saved, and goes on, where it looks at its labelled points anew.
+    monkeypatch.setattr("nilbs.fields.objective.REFRESH", 4)
+    monkeypatch.setattr("nilbs.fitting.REFRESH", 4)
     files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--steps", 8)
     alone = succeeds("train", *files, "-o", out / "alone.nilbs")
     one_cycle = training.one_cycle

@@ -111,6 +111,43 @@ def test_an_interrupt_before_the_first_step_saves_nothing() -> None:
     assert not states
 
 
+def remembering(net: nn.Module, *, every: int, stop_at: int | None = None):
+    """A loss that keeps what it saw of the network at the last multiple of a step, and can be interrupted once."""
+    loss, seen = loss_of(net, stop_at=stop_at), [torch.full((), torch.nan)]
+
+    def remembered(step: int) -> torch.Tensor:
+        if step % every == 0:
+            seen[0] = net[0].weight.detach().abs().mean()
+        return loss(step) * seen[0]
+
+    return remembered
+
+
+def test_states_that_a_training_may_be_continued_from_are_some_steps_apart() -> None:
+    states: list[TrainingState] = []
+    net = module()
+    history = train(
+        net, remembering(net, every=6), steps=STEPS, learning_rate=0.02, save=states.append, save_every=6,
+        save_seconds=-1.0,
+    )  # fmt: skip
+    assert [state.step for state in states] == [6, 12, 18, 24, 30, 36]
+    for state in states:
+        again = module()
+        continued = train(again, remembering(again, every=6), steps=STEPS, learning_rate=0.02, state=state)
+        np.testing.assert_array_equal(continued, history)
+        assert_same(again, net)
+
+
+@pytest.mark.parametrize(("stop_at", "saved"), [(5, []), (6, [6]), (23, [18])])
+def test_an_interrupt_saves_the_last_state_to_continue_from(stop_at: int, saved: list[int]) -> None:
+    states: list[TrainingState] = []
+    net = module()
+    loss = remembering(net, every=6, stop_at=stop_at)
+    with pytest.raises(KeyboardInterrupt):
+        train(net, loss, steps=STEPS, learning_rate=0.02, save=states.append, save_every=6)
+    assert [state.step for state in states] == saved
+
+
 def test_saving_waits_for_its_time() -> None:
     states: list[TrainingState] = []
     trained(save=states.append, save_seconds=1000.0)
