@@ -1,0 +1,117 @@
+"""What must hold on meshes, rigs, weights and a motion that others made; NILBS_DATA names their folder."""
+
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+import pytest
+
+import nilbs
+from nilbs.geometry.facets import components, is_watertight
+from nilbs.geometry.handles import bone_conditions
+from nilbs.geometry.kinematics import forward_kinematics, local_rotations
+from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.volume import boundary_facets, element_volumes
+from nilbs.geometry.weights import biharmonic_energy, bounded_biharmonic_weights
+from nilbs.io import read_transforms, read_weights
+
+
+@pytest.fixture(scope="module")
+def arm(data: Path) -> nilbs.Character:
+    return nilbs.load_character(data / "arm" / "arm.obj", data / "arm" / "arm.tgf")
+
+
+@pytest.fixture(scope="module")
+def elephant(data: Path) -> nilbs.Character:
+    """The elephant with the weights that came with it."""
+    return nilbs.load_character(*(data / "elephant" / f"elephant{end}" for end in (".obj", ".tgf", "-weights.dmat")))
+
+
+def assert_on_the_simplex(W: np.ndarray) -> None:
+    assert W.min() >= 0
+    assert W.max() <= 1
+    assert np.abs(W.sum(axis=1) - 1).max() <= 1e-9
+
+
+def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
+    return np.linalg.det(V[F]).sum() / 6
+
+
+def test_the_arm_is_filled_and_its_weights_are_those_of_the_authors(arm: nilbs.Character, data: Path) -> None:
+    assert (arm.d, arm.V.shape, arm.F.shape, arm.BE.shape) == (3, (8311, 3), (16618, 3), (4, 2))
+    assert is_watertight(arm.F)
+    volumes = element_volumes(arm.V_volume, arm.T)
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(enclosed_volume(arm.V, arm.F), rel=1e-9)
+    np.testing.assert_array_equal(arm.V_volume[: len(arm.V)], arm.V)
+    assert_on_the_simplex(arm.W_volume)
+    theirs = read_weights(data / "arm" / "arm-weights.dmat")
+    assert np.abs(arm.W - theirs).mean() <= 0.012
+    # Every bone has its own column: with two of them exchanged the weights would be far off.
+    for order in ([1, 0, 2, 3], [0, 2, 1, 3], [0, 1, 3, 2]):
+        assert np.abs(arm.W[:, order] - theirs).mean() > 0.05
+
+
+def test_the_elephant_with_weights_that_came_with_it(elephant: nilbs.Character, data: Path) -> None:
+    assert (elephant.d, elephant.V.shape, elephant.F.shape) == (3, (6034, 3), (12064, 3))
+    assert len(elephant.BE) == len(elephant.names) == 24
+    assert abs(elephant.L - 127.726) < 1e-3
+    assert is_watertight(elephant.F)
+    assert components(elephant.F, len(elephant.V)) == 1
+    assert_on_the_simplex(elephant.W_volume)
+    np.testing.assert_allclose(elephant.W, read_weights(data / "elephant" / "elephant-weights.dmat"), atol=1e-6)
+    # The volume mesh holds the same body, from the same vertices.
+    assert element_volumes(elephant.V_volume, elephant.T).sum() == pytest.approx(
+        enclosed_volume(elephant.V, elephant.F), rel=1e-9
+    )
+    outside = boundary_facets(elephant.T)
+    assert enclosed_volume(elephant.V_volume, outside) == pytest.approx(enclosed_volume(elephant.V, elephant.F))
+
+
+def test_the_elephant_s_own_motion(elephant: nilbs.Character, data: Path) -> None:
+    path, c = data / "elephant" / "elephant-anim.dmat", elephant
+    motion = nilbs.read_motion(path, c)
+    assert motion.B.shape == (457, 24, 4, 4)
+    np.testing.assert_array_equal(motion.B, read_transforms(path))
+    np.testing.assert_array_equal(motion[0], np.broadcast_to(np.eye(4), (24, 4, 4)))
+    np.testing.assert_allclose(linear_blend_skinning(c.V, c.W, motion[0]), c.V, atol=1e-12 * c.L)
+    theta, root_translation = local_rotations(c.C, c.BE, c.P, motion.B)
+    recomposed = forward_kinematics(c.C, c.BE, c.P, theta, root_translation=root_translation)
+    assert np.abs(recomposed - motion.B).max() <= 1e-9
+    # It says something: the bones do turn.
+    assert motion.rms_rotation(c) == pytest.approx(0.61, abs=0.005)
+    assert np.linalg.norm(theta[:, c.P >= 0], axis=-1).max() == pytest.approx(2.26, abs=0.005)
+    # Bones that share a joint keep it together.
+    child = np.flatnonzero(c.P >= 0)
+    joint = np.append(c.C[c.BE[child, 0]], np.ones((len(child), 1)), axis=1)[:, :, None]
+    np.testing.assert_allclose(motion.B[:, child] @ joint, motion.B[:, c.P[child]] @ joint, atol=1e-9 * c.L)
+
+
+@pytest.mark.slow
+def test_the_elephant_s_weights_are_better_than_libigl_s_in_less_than_half_the_time(elephant: nilbs.Character) -> None:
+    V, T = elephant.V_volume, elephant.T
+    fixed, W_fixed = bone_conditions(V, elephant.C, elephant.BE)
+    seconds, energies = [], []
+    for method in ("joint", "igl"):
+        start = process_time()
+        W = bounded_biharmonic_weights(V, T, fixed, W_fixed, method=method)
+        seconds.append(process_time() - start)
+        energies.append(biharmonic_energy(V, T, W))
+        assert_on_the_simplex(W)
+    assert energies[0] <= energies[1]
+    assert seconds[0] < seconds[1] / 2
+
+
+@pytest.mark.slow
+def test_a_short_training_reconstructs_the_arm(arm: nilbs.Character) -> None:
+    motion = nilbs.random_motion(arm, frames=10)
+    model = nilbs.fit(
+        arm, motion, device="cpu", steps=400, width=48, points_per_pose=32, samples_per_frame=4000, cache_resolution=64
+    )
+    scores = nilbs.evaluate(model, points=4000, resolution=32, poses=("seen", "unseen")).json()["poses"]
+    for name in ("seen", "unseen"):
+        assert scores[name]["iou_bbox"]["mean"] > 0.95
+        assert scores[name]["iou_surface"]["mean"] > 0.8
+        assert scores[name]["chamfer_l1"]["mean"] < 1
+        assert scores[name]["normal_consistency"]["mean"] > 0.85
+        assert scores[name]["watertight"]["mean"] == 1
