@@ -151,6 +151,7 @@ def _objective(
         poses_per_step=settings.poses_per_step,
         points_per_pose=settings.points_per_pose,
         weight_loss=settings.weight_loss,
+        position_loss=settings.position_loss if settings.supervision == "volume" else 0.0,
         seed=settings.seed,
     )
 

@@ -12,7 +12,7 @@ class Settings:
     Attributes
     ----------
     steps : int
-        Training steps; 0 takes 3000 and 300 more for each bone, at most 12000.
+        Training steps; 0 takes 2000 and 250 more for each bone, at most 10000.
     learning_rate : float
         Largest rate of the one-cycle schedule.
     width, depth : int
@@ -30,6 +30,9 @@ class Settings:
         Standard deviation of that shell.
     weight_loss : float
         Factor of the weight loss.
+    position_loss : float
+        Factor of the distance by which the inverse map misses the rest points whose weights are known; only with
+        supervision in the volume.
     random_pose_std : float
         Random poses turn every bone but the roots by normal angles whose standard deviation is drawn, for each pose,
         between zero and this; in radians.
@@ -52,9 +55,10 @@ class Settings:
     supervision: str = "volume"
     shell: float = 0.01
     weight_loss: float = 1.0
+    position_loss: float = 20.0
     random_pose_std: float = 0.8
     cache_resolution: int = 0
-    cache_width: float = 0.005
+    cache_width: float = 0.003
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -79,7 +83,7 @@ class Settings:
         return replace(
             self,
             # More bones are more to tell apart, and take longer.
-            steps=self.steps or min(3000 + 300 * bones, 12_000),
+            steps=self.steps or min(2000 + 250 * bones, 10_000),
             cache_resolution=self.cache_resolution or {2: 512, 3: 128}[d],
         )
 

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from nilbs.fields.adaptive import AdaptiveSampler
-from nilbs.fields.nilbs import NilbsField
+from nilbs.fields.nilbs import NilbsField, inverse_map
 from nilbs.fields.samples import OccupancySamples, RestSamples
 from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 
@@ -66,6 +66,9 @@ class NilbsObjective:
         Size of a step's batch, for each of the two losses.
     weight_loss : float
         Factor of the weight loss.
+    position_loss : float
+        Factor of the mean distance (sum of absolute coordinates) by which the inverse map misses the rest points. A
+        wrong weight matters as much as the bones that it mixes lie apart; the cross-entropy alone does not know.
     seed : int
         A step's batch depends on this and on the step alone.
     """
@@ -81,10 +84,17 @@ class NilbsObjective:
         poses_per_step: int,
         points_per_pose: int,
         weight_loss: float,
+        position_loss: float = 0.0,
         seed: int,
     ) -> None:
         like = next(field.parameters())
-        self.field, self.random_poses, self.weight_loss, self.seed = field, random_poses, weight_loss, seed
+        self.field, self.random_poses, self.weight_loss, self.position_loss = (
+            field,
+            random_poses,
+            weight_loss,
+            position_loss,
+        )
+        self.seed = seed
         self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
         self.poses = torch.as_tensor(poses, dtype=like.dtype, device=like.device)
         self.x = torch.as_tensor(labelled.x, dtype=like.dtype, device=like.device)
@@ -98,7 +108,7 @@ class NilbsObjective:
         if step % REFRESH == 0:
             self.sampler.refresh(self._error)
         rng = np.random.default_rng([self.seed, step])
-        return self._occupancy_loss(rng) + self.weight_loss * self._weight_loss(rng)
+        return self._occupancy_loss(rng) + self._weight_loss(rng)
 
     def _occupancy_loss(self, rng: np.random.Generator) -> Tensor:
         frames, points = self.sampler.draw(self.poses_per_step, self.points_per_pose, rng)
@@ -120,8 +130,14 @@ class NilbsObjective:
         d = x_rest.shape[-1]
         blend = (W @ B[:, :, :d].reshape(len(B), B.shape[1], -1)).unflatten(-1, (d, d + 1))
         x = (blend[..., :d] @ x_rest[..., None])[..., 0] + blend[..., d]
-        log_weights = torch.log_softmax(self.field.network(x, B), dim=-1)
-        return -(W * log_weights[..., :-1]).sum(dim=-1).mean()
+        logits = self.field.network(x, B)
+        cross_entropy = -(W * torch.log_softmax(logits, dim=-1)[..., :-1]).sum(dim=-1).mean()
+        if not self.position_loss:
+            return self.weight_loss * cross_entropy
+        image = inverse_map(x, torch.softmax(logits, dim=-1), B, root=self.field.root)
+        # A collapsed blend sends its image far away; beyond the size of the body further is no worse.
+        missed = (image - x_rest).abs().sum(dim=-1).clamp_max(1.0).mean()
+        return self.weight_loss * cross_entropy + self.position_loss * missed
 
     def _weight_poses(self, rng: np.random.Generator) -> Tensor:
         if self.random_poses is None:

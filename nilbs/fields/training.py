@@ -9,6 +9,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+# Muon's learning rate in terms of Adam's: its updates have unit singular values, whatever the gradient's size.
+MUON_RATE = 2.0
+
 
 @dataclass(frozen=True)
 class TrainingState:
@@ -41,7 +44,9 @@ def train(
     save_seconds: float = 20.0,
     progress: bool = False,
 ) -> np.ndarray:
-    """Minimise a loss over a module's parameters by Adam with a one-cycle learning rate.
+    """Minimise a loss over a module's parameters with a one-cycle learning rate.
+
+    Matrices are trained by Muon [1]_, which orthogonalises each update; vectors by Adam.
 
     Parameters
     ----------
@@ -53,7 +58,7 @@ def train(
     steps : int
         Steps in all, those of `state` included.
     learning_rate : float
-        Largest rate, reached after a tenth of the steps.
+        Largest rate of Adam, reached after a tenth of the steps; Muon's is `MUON_RATE` times it.
     state : TrainingState, optional
         Where to go on from.
     save : function of TrainingState, optional
@@ -77,15 +82,19 @@ def train(
         If the loss is not finite.
     ValueError
         If the state does not fit the module.
+
+    References
+    ----------
+    .. [1] Jordan et al., Muon: an optimizer for hidden layers in neural networks, 2024.
     """
     from tqdm import tqdm
 
     parameters = dict(module.named_parameters())
-    optimizer = torch.optim.Adam(parameters.values(), lr=learning_rate, fused=True)
+    optimizers = _optimizers(parameters, learning_rate)
     history = np.zeros(steps)
     first = 0
     if state is not None:
-        _restore(parameters, optimizer, state)
+        _restore(parameters, optimizers, state)
         first = min(state.step, steps)
         history[:first] = state.history[:first]
     saved_at = monotonic()
@@ -94,22 +103,23 @@ def train(
     with tqdm(total=steps, initial=first, desc="training", unit="step", disable=not progress, delay=2) as bar:
         try:
             while step < steps:
-                for group in optimizer.param_groups:
-                    group["lr"] = one_cycle(step, steps, learning_rate)
+                for optimizer in optimizers:
+                    factor = MUON_RATE if isinstance(optimizer, torch.optim.Muon) else 1.0
+                    optimizer.param_groups[0]["lr"] = factor * one_cycle(step, steps, learning_rate)
                 value = loss(step)
-                optimizer.zero_grad(set_to_none=True)
+                module.zero_grad(set_to_none=True)
                 value.backward()
                 history[step] = value.item()
                 if not np.isfinite(history[step]):
                     raise FloatingPointError(f"the loss at step {step} is {history[step]}; try a lower learning rate")
-                # Nothing between these two, where an interrupt would save parameters of one step as those of another.
-                optimizer.step()
+                for optimizer in optimizers:
+                    optimizer.step()
                 step += 1
                 if step % 20 == 0 or step == steps:
                     bar.set_postfix(loss=f"{history[max(0, step - 100) : step].mean():.4f}", refresh=False)
                 bar.update()
                 if save is not None and step % save_every == 0:
-                    latest = _capture(parameters, optimizer, step, history)
+                    latest = _capture(parameters, optimizers, step, history)
                     if monotonic() - saved_at > save_seconds:
                         save(latest)
                         saved_at = monotonic()
@@ -139,31 +149,50 @@ def one_cycle(step: int, steps: int, learning_rate: float) -> float:
     return learning_rate * (1e-3 + (1 - 1e-3) * 0.5 * (1 + cos(pi * done)))
 
 
+def _optimizers(parameters: dict[str, nn.Parameter], learning_rate: float) -> list[torch.optim.Optimizer]:
+    """Muon for matrices, Adam for all else; their rates are set at every step."""
+    matrices = [parameter for parameter in parameters.values() if parameter.ndim == 2]
+    others = [parameter for parameter in parameters.values() if parameter.ndim != 2]
+    optimizers: list[torch.optim.Optimizer] = []
+    if matrices:
+        optimizers.append(torch.optim.Muon(matrices, lr=MUON_RATE * learning_rate, weight_decay=0.0))
+    if others:
+        optimizers.append(torch.optim.Adam(others, lr=learning_rate, fused=True))
+    return optimizers
+
+
+def _moments(optimizers: list[torch.optim.Optimizer], parameter: nn.Parameter) -> dict[str, Tensor]:
+    """What an optimiser remembers of a parameter."""
+    return next(optimizer.state[parameter] for optimizer in optimizers if parameter in optimizer.state)
+
+
 def _capture(
-    parameters: dict[str, nn.Parameter], optimizer: torch.optim.Optimizer, step: int, history: np.ndarray
+    parameters: dict[str, nn.Parameter], optimizers: list[torch.optim.Optimizer], step: int, history: np.ndarray
 ) -> TrainingState:
     tensors = {}
     for name, parameter in parameters.items():
-        moments = optimizer.state[parameter]
-        for what, tensor in (("value", parameter), ("first", moments["exp_avg"]), ("second", moments["exp_avg_sq"])):
+        for what, tensor in {"value": parameter, **_moments(optimizers, parameter)}.items():
+            if what == "step":  # Adam's own count, the same for every parameter
+                continue
             tensors[f"{what}.{name}"] = tensor.detach().cpu().numpy().copy()
     return TrainingState(step, tensors, history[:step].copy())
 
 
-def _restore(parameters: dict[str, nn.Parameter], optimizer: torch.optim.Optimizer, state: TrainingState) -> None:
-    for name, parameter in parameters.items():
-        value, first, second = (state.tensors.get(f"{what}.{name}") for what in ("value", "first", "second"))
-        if (
-            value is None
-            or first is None
-            or second is None
-            or not (value.shape == first.shape == second.shape == tuple(parameter.shape))
-        ):
-            raise ValueError(f"the saved training does not fit: {name} is missing or has another shape")
-        with torch.no_grad():
-            parameter.copy_(torch.from_numpy(value))
-        optimizer.state[parameter] = {
-            "step": torch.tensor(float(state.step), dtype=torch.float32, device=parameter.device),
-            "exp_avg": torch.from_numpy(first).to(parameter, copy=True),
-            "exp_avg_sq": torch.from_numpy(second).to(parameter, copy=True),
-        }
+def _restore(
+    parameters: dict[str, nn.Parameter], optimizers: list[torch.optim.Optimizer], state: TrainingState
+) -> None:
+    for optimizer in optimizers:
+        for parameter in optimizer.param_groups[0]["params"]:
+            name = next(name for name, known in parameters.items() if known is parameter)
+            muon = isinstance(optimizer, torch.optim.Muon)
+            tensors = {}
+            for what in ("value", "momentum_buffer") if muon else ("value", "exp_avg", "exp_avg_sq"):
+                array = state.tensors.get(f"{what}.{name}")
+                if array is None or array.shape != tuple(parameter.shape):
+                    raise ValueError(f"the saved training does not fit: {name} is missing or has another shape")
+                tensors[what] = torch.from_numpy(array).to(parameter, copy=True)
+            with torch.no_grad():
+                parameter.copy_(tensors.pop("value"))
+            if not muon:
+                tensors["step"] = torch.tensor(float(state.step), dtype=torch.float32, device=parameter.device)
+            optimizer.state[parameter] = tensors

@@ -8,7 +8,7 @@ from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.objective import NilbsObjective, RandomPoses
 from nilbs.fields.samples import OccupancySamples, RestSamples
 from nilbs.geometry.kinematics import forward_kinematics
-from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
 
 BE, P = np.array([[0, 1], [1, 2]]), np.array([-1, 0])
 REFRESH = 5
@@ -143,3 +143,25 @@ def test_only_the_network_learns() -> None:
         assert name.startswith("network.")
         assert parameter.grad is not None
         assert torch.isfinite(parameter.grad).all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_position_loss_is_how_far_the_inverse_map_misses_the_rest_points(d: int) -> None:
+    # One frame, one labelled point and one rest point in the rest pose, where every blend is the identity ...
+    options = {"frames": 1, "points": 1, "random": False}
+    assert objective(d, position_loss=3.0, **options)(1).item() == pytest.approx(objective(d, **options)(1).item())
+    # ... and in random poses, where it is not.
+    without, loss = objective(d, points=1), objective(d, points=1, position_loss=3.0)
+    step = 1
+    rng = np.random.default_rng([loss.seed, step])
+    loss.sampler.draw(loss.poses_per_step, loss.points_per_pose, rng)
+    B = loss._weight_poses(rng).numpy()
+    missed = []
+    for pose in B:
+        x_rest, W = loss.x_rest.numpy(), loss.W.numpy()
+        x = linear_blend_skinning(x_rest, W, pose)
+        predicted = torch.softmax(loss.field.network(torch.as_tensor(x)[None], torch.as_tensor(pose)[None]), -1)[0]
+        back = inverse_linear_blend_skinning(x, predicted.detach().numpy(), np.concatenate([pose, pose[:1]]))
+        missed.append(min(np.abs(back - x_rest).sum(), 1.0))
+    assert np.mean(missed) > 1e-3
+    assert loss(step).item() - without(step).item() == pytest.approx(3.0 * np.mean(missed), rel=1e-5)

@@ -5,7 +5,7 @@ import pytest
 import torch
 from torch import nn
 
-from nilbs.fields.training import TrainingState, one_cycle, train
+from nilbs.fields.training import MUON_RATE, TrainingState, one_cycle, train
 
 STEPS = 40
 
@@ -49,25 +49,35 @@ def test_the_loss_falls_and_is_remembered() -> None:
     assert not torch.equal(net[0].weight, fresh[0].weight)
 
 
-def test_a_loop_of_plain_adam_gives_the_same() -> None:
-    net, history = trained()
+def test_vectors_follow_plain_adam_and_matrices_take_orthogonal_steps() -> None:
+    states: list[TrainingState] = []
+    net, history = trained(save=states.append, save_seconds=-1.0)
     other = module()
     loss = loss_of(other)
-    parameters = list(other.parameters())
-    first, second = ([torch.zeros_like(p) for p in parameters] for _ in range(2))
+    moments = {name: (torch.zeros_like(p), torch.zeros_like(p)) for name, p in other.named_parameters()}
     for step in range(STEPS):
+        before = {name: p.detach().clone() for name, p in other.named_parameters()}
         value = loss(step)
         assert value.item() == pytest.approx(history[step], rel=1e-4)
-        gradients = torch.autograd.grad(value, parameters)
         rate = one_cycle(step, STEPS, 0.02)
+        gradients = torch.autograd.grad(value, list(other.parameters()))
         with torch.no_grad():
-            for p, g, m, v in zip(parameters, gradients, first, second, strict=True):
-                m.mul_(0.9).add_(0.1 * g)
-                v.mul_(0.999).add_(0.001 * g * g)
-                mean, square = m / (1 - 0.9 ** (step + 1)), v / (1 - 0.999 ** (step + 1))
-                p -= rate * mean / (square.sqrt() + 1e-8)
-    for a, b in zip(net.parameters(), other.parameters(), strict=True):
-        torch.testing.assert_close(a, b, rtol=1e-3, atol=1e-4)
+            for (name, p), g in zip(other.named_parameters(), gradients, strict=True):
+                after = torch.from_numpy(states[step].tensors[f"value.{name}"])
+                if p.ndim == 2:
+                    # The direction is a partial isometry; Newton-Schulz reaches it only roughly, to within a third.
+                    stretch = torch.linalg.svdvals(after - before[name])
+                    size = MUON_RATE * rate * max(1.0, p.shape[0] / p.shape[1]) ** 0.5
+                    assert 0.5 * size < stretch.max() < 1.4 * size
+                else:
+                    m, v = moments[name]
+                    m.mul_(0.9).add_(0.1 * g)
+                    v.mul_(0.999).add_(0.001 * g * g)
+                    mean, square = m / (1 - 0.9 ** (step + 1)), v / (1 - 0.999 ** (step + 1))
+                    p -= rate * mean / (square.sqrt() + 1e-8)
+                    torch.testing.assert_close(p, after, rtol=1e-3, atol=1e-4)
+                p.copy_(after)
+    assert_same(other, net)
 
 
 def test_going_on_from_any_saved_state_ends_bit_for_bit_at_the_same() -> None:
@@ -171,9 +181,9 @@ def test_a_state_of_another_network_is_refused(damage: str) -> None:
     trained(save=states.append, save_seconds=-1.0)
     tensors = dict(states[3].tensors)
     if damage == "missing":
-        del tensors["second.2.bias"]
+        del tensors["exp_avg_sq.2.bias"]
     else:
-        tensors["first.2.bias"] = np.zeros(5, dtype=np.float32)
+        tensors["exp_avg.2.bias"] = np.zeros(5, dtype=np.float32)
     with pytest.raises(ValueError, match=r"^the saved training does not fit: 2.bias is missing or has another shape$"):
         trained(state=TrainingState(4, tensors, states[3].history))
 
