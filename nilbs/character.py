@@ -181,9 +181,9 @@ def assemble(
     V, E, BE = arrays(V=(V, "n d"), E=(E, "m 3", int), BE=(BE, "b 2", int))
     C = rig_in_mesh_dimension(V, C)
     F = _boundary(V, E)
-    check_joints_near(V, C)
     if not len(BE):
         raise ValueError("the rig has no bone")
+    check_joints_near(V, C)
     P = bone_parents(BE)
     if W is None:
         solved = solve_weights(V, E, C, BE, progress=progress)
@@ -194,7 +194,7 @@ def assemble(
             V_volume, T = volume_mesh(V, E, C, BE)
             W_volume = extend_weights(V_volume, T, W)
         except ValueError as error:
-            report(f"no volume mesh ({error}); weights inside are those of the nearest vertex")
+            report(f"no volume mesh ({error}); weights are supervised at the surface only")
             V_volume, T, W_volume = V, np.zeros((0, V.shape[1] + 1), dtype=np.int64), W
     names = tuple(f"bone{bone}" for bone in range(len(BE)))
     return Character(name, V, F, C, BE, P, names, W_volume[: len(V)].copy(), V_volume, T, W_volume)

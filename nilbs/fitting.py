@@ -58,7 +58,7 @@ def fit(
     progress : bool
         Show progress on standard error.
     report : function of str, optional
-        Receives a line on each stage.
+        Receives a line on where a continued training goes on.
     **changes
         Settings by name, in place of those given: ``fit(character, motion, steps=1000, seed=3)``.
 
@@ -86,7 +86,7 @@ def fit(
     if checkpoint is not None and resume:
         state = _load_checkpoint(Path(checkpoint), fingerprint, report)
     torch.manual_seed(settings.seed)
-    field = _field_with_cache(character, settings).to(dtype).to(torch_device(device))
+    field = _field_with_cache(character, settings, dtype).to(torch_device(device))
     objective = _objective(field, character, motion, settings, progress=progress)
 
     def save(state: TrainingState) -> None:
@@ -112,13 +112,14 @@ def remove_checkpoint(path: str | Path) -> None:
         Path(path).unlink()
 
 
-def _field_with_cache(character: Character, settings: Settings) -> NilbsField:
+def _field_with_cache(character: Character, settings: Settings, dtype: torch.dtype) -> NilbsField:
     V = (character.V - rest_center(character)) / character.L
     grid = Grid.box(V, settings.cache_resolution)
-    values = np.empty(grid.size, dtype=np.float32)
+    kind = np.float64 if dtype == torch.float64 else np.float32
+    values = np.empty(grid.size, dtype=kind)
     for part, points in grid.chunks(2**20):
         values[part] = signed_distance(V, character.F, points)
-    return blank_field(character, settings, values.reshape(grid.shape), grid.origin.astype(np.float32), grid.spacing)
+    return blank_field(character, settings, values.reshape(grid.shape), grid.origin.astype(kind), grid.spacing)
 
 
 def _objective(
@@ -126,16 +127,23 @@ def _objective(
 ) -> NilbsObjective:
     from tqdm import tqdm
 
+    paper = settings.supervision == "paper"
     center, L = rest_center(character), character.L
     V, V_volume, C = ((points - center) / L for points in (character.V, character.V_volume, character.C))
     _, B = in_unit_frame(character, np.zeros((len(motion), 1, character.d)), motion.B)
     rng = np.random.default_rng([settings.seed, settings.steps])
     frames: Iterable[np.ndarray] = tqdm(B, desc="labelling", unit="frame", disable=not progress, delay=2)
     labelled: OccupancySamples = occupancy_samples(
-        V, character.F, character.W, frames, n=settings.samples_per_frame, noise=settings.noise, rng=rng
+        V,
+        character.F,
+        character.W,
+        frames,
+        n=settings.samples_per_frame,
+        noise=None if paper else settings.noise,
+        rng=rng,
     )
     rest: RestSamples
-    if settings.supervision == "paper":
+    if paper:
         rest, random_poses = surface_samples(V, character.W), None
     else:
         rest = volume_samples(
@@ -151,7 +159,8 @@ def _objective(
         poses_per_step=settings.poses_per_step,
         points_per_pose=settings.points_per_pose,
         weight_loss=settings.weight_loss,
-        position_loss=settings.position_loss if settings.supervision == "volume" else 0.0,
+        position_loss=0.0 if paper else settings.position_loss,
+        adaptive=not paper,
         seed=settings.seed,
     )
 

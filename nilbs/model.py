@@ -14,6 +14,7 @@ from nilbs.fields.extraction import field_surface
 from nilbs.fields.network import WeightNetwork
 from nilbs.fields.nilbs import FieldValues, NilbsField
 from nilbs.geometry.grids import Grid
+from nilbs.geometry.kinematics import bone_order
 from nilbs.geometry.rotations import rigid_transforms, transform_points
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.validation import arrays
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from typing import Self
 
 KIND = "nilbs model 1"
-# Points that go through the network at once: the hidden layers of this many stay in a core's cache.
+# Points that go through the network at once; bounds the memory of a query of any size.
 CHUNK = 16_384
 
 
@@ -41,7 +42,7 @@ class Model:
     history : (steps,) float array
         Loss at each training step.
     field : NilbsField
-        The network and the rest cache, in torch, in the frame of `unit_pose`.
+        The network and the rest cache, in torch, in the frame of `in_unit_frame`.
     """
 
     character: Character
@@ -88,7 +89,8 @@ class Model:
     def distance(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Signed distance of posed points, read at their rest images: that of the *rest* shape, not of the posed one.
 
-        Where skinning stretches, the two differ by the stretch; both vanish on the same surface.
+        Where skinning stretches, the two differ by the stretch. Where the ghost bone overrules a rest image that lies
+        inside, the distance is positive: its sign always agrees with `occupancy`.
 
         Parameters
         ----------
@@ -100,7 +102,7 @@ class Model:
         distance : (n,) float array
             In mesh units, negative inside.
         """
-        return _joined([values.distance for values in self._values(x, pose)]) * self.character.L
+        return _joined([self.field.signed_distance(values) for values in self._values(x, pose)]) * self.character.L
 
     def weights(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Weights that the network predicts for posed points.
@@ -273,8 +275,9 @@ def check_character(character: Character) -> None:
     for name, indices, size in (("F", c.F, len(c.V)), ("BE", c.BE, len(c.C)), ("T", c.T, len(c.V_volume))):
         if len(indices) and not (indices.min() >= 0 and indices.max() < size):
             raise ValueError(f"{name} has an index outside 0 to {size - 1}")
-    if len(c.names) != len(c.BE) or not (c.P.min(initial=0) >= -1 and c.P.max(initial=-1) < len(c.BE)):
+    if not len(c.BE) or len(c.names) != len(c.BE) or len(c.P) != len(c.BE):
         raise ValueError("names or parents of bones do not fit the bones")
+    bone_order(c.P)
 
 
 def blank_field(

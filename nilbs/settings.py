@@ -22,10 +22,11 @@ class Settings:
     samples_per_frame : int
         Labelled points of each training frame.
     noise : float
-        Standard deviation of the points near the surface.
+        Standard deviation of the points near the surface; see `occupancy_samples`.
     supervision : "volume" or "paper"
         Where the weight loss knows the weights: in the rest volume and a thin shell around it, posed by skinning in the
-        motion's and in random poses; or, as in the paper, on the rest surface's vertices in the rest pose.
+        motion's and in random poses; or, as in the paper, on the rest surface's vertices in the rest pose. "paper" also
+        takes the paper's occupancy loss: uniform points, squared difference.
     shell : float
         Standard deviation of that shell.
     weight_loss : float

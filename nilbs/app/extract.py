@@ -10,7 +10,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
     add_pose(parser)
     parser.add_argument(
-        "--resolution", type=whole(2), default=128, metavar="N", help="grid cells along the longest edge (default 128)"
+        "--resolution", type=whole(2), default=128, metavar="N", help="grid cells along each edge (default 128)"
     )
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the mesh to write, .obj or .ply")
     add_json(parser)

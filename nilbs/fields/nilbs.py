@@ -71,6 +71,11 @@ class NilbsField(nn.Module):
         log_outside = torch.logaddexp(nn.functional.logsigmoid(-inside), log_ghost + nn.functional.logsigmoid(inside))
         return log_solid + nn.functional.logsigmoid(inside) - log_outside
 
+    def signed_distance(self, values: FieldValues) -> Tensor:
+        """Cached distance (p, n), positive wherever the ghost bone makes the point one outside."""
+        level = -self.cache.width * self.logit(values)
+        return torch.where((level > 0) & (values.distance < 0), level, values.distance)
+
 
 def inverse_map(x: Tensor, W: Tensor, B: Tensor, *, root: int) -> Tensor:
     """Rest image of posed points: the inverse of the blended transform, applied to the point (eq. 6).

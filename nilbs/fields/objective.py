@@ -69,6 +69,9 @@ class NilbsObjective:
     position_loss : float
         Factor of the mean distance (sum of absolute coordinates) by which the inverse map misses the rest points. A
         wrong weight matters as much as the bones that it mixes lie apart; the cross-entropy alone does not know.
+    adaptive : bool
+        Whether labelled points are drawn by error and compared by cross-entropy. If not, they are drawn uniformly and
+        compared by squared difference, the paper's norm.
     seed : int
         A step's batch depends on this and on the step alone.
     """
@@ -85,6 +88,7 @@ class NilbsObjective:
         points_per_pose: int,
         weight_loss: float,
         position_loss: float = 0.0,
+        adaptive: bool = True,
         seed: int,
     ) -> None:
         like = next(field.parameters())
@@ -94,7 +98,7 @@ class NilbsObjective:
             weight_loss,
             position_loss,
         )
-        self.seed = seed
+        self.adaptive, self.seed = adaptive, seed
         self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
         self.poses = torch.as_tensor(poses, dtype=like.dtype, device=like.device)
         self.x = torch.as_tensor(labelled.x, dtype=like.dtype, device=like.device)
@@ -104,8 +108,8 @@ class NilbsObjective:
         self.W = torch.as_tensor(rest.W, dtype=like.dtype, device=like.device)
 
     def __call__(self, step: int) -> Tensor:
-        """Sum of both losses on the batch of a step."""
-        if step % REFRESH == 0:
+        """Sum of the losses on the batch of a step."""
+        if self.adaptive and step % REFRESH == 0:
             self.sampler.refresh(self._error)
         rng = np.random.default_rng([self.seed, step])
         return self._occupancy_loss(rng) + self._weight_loss(rng)
@@ -116,6 +120,8 @@ class NilbsObjective:
         point = torch.as_tensor(points, device=self.poses.device)
         logit = self.field.logit(self.field(self.x[frame[:, None], point], self.poses[frame]))
         inside = self.inside[frame[:, None], point].to(logit.dtype)
+        if not self.adaptive:
+            return ((torch.sigmoid(logit) - inside) ** 2).mean()
         return nn.functional.binary_cross_entropy_with_logits(logit, inside)
 
     def _error(self, frame: int) -> Tensor:

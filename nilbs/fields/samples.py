@@ -19,7 +19,7 @@ class OccupancySamples:
     Attributes
     ----------
     x : (t, m, d) float32 array
-        Half of them uniform in the cube around the posed mesh, half near its surface.
+        Points around the posed mesh; see `occupancy_samples`.
     inside : (t, m) bool array
         Truth: absolute winding number of the posed mesh above one half.
     """
@@ -51,7 +51,7 @@ def occupancy_samples(
     B: Iterable[np.ndarray],
     *,
     n: int,
-    noise: float,
+    noise: float | None,
     rng: np.random.Generator,
 ) -> OccupancySamples:
     """Label n points of every posed frame.
@@ -63,10 +63,10 @@ def occupancy_samples(
     B : iterable of (b, d+1, d+1) float arrays
         Poses; one that shows progress is welcome.
     n : int
-        Points a frame, half of them uniform and half near the surface.
-    noise : float
-        Standard deviation of the points near the surface, in mesh units. A quarter of them lie four times as far, so
-        that what is just outside is seen too.
+        Points a frame.
+    noise : float, optional
+        Half of the points are surface samples moved by this standard deviation, in mesh units, a quarter by eight times
+        it, and a quarter are uniform in the cube around the posed mesh. None: all are uniform there, as in the paper.
     rng : numpy.random.Generator
         Where chance comes from.
 
@@ -78,10 +78,11 @@ def occupancy_samples(
     for pose in B:
         U = linear_blend_skinning(V, W, pose)
         cube = Grid.cube(U, 1)
-        uniform = uniform_samples(cube.lower, cube.upper, n // 4, rng=rng)
-        around = near_surface_samples(U, F, n // 4, std=8 * noise, rng=rng)
-        near = near_surface_samples(U, F, n - 2 * (n // 4), std=noise, rng=rng)
-        x = np.concatenate([uniform, around, near])
+        x = uniform_samples(cube.lower, cube.upper, n if noise is None else n // 4, rng=rng)
+        if noise is not None:
+            around = near_surface_samples(U, F, n // 4, std=8 * noise, rng=rng)
+            near = near_surface_samples(U, F, n - 2 * (n // 4), std=noise, rng=rng)
+            x = np.concatenate([x, around, near])
         points.append(x.astype(np.float32))
         inside.append(occupancy(U, F, x))
     return OccupancySamples(np.stack(points), np.stack(inside))

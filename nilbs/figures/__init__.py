@@ -46,7 +46,7 @@ def write_figures(
     surfaces : mapping of str to (U, F), optional
         Reconstructed surfaces that are already at hand, by the labels of `poses`.
     resolution : int, optional
-        Cells along the longest edge of the grid that the other surfaces are extracted on.
+        Cells along each edge of the grid that the other surfaces are extracted on.
 
     Returns
     -------

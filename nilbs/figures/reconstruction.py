@@ -38,7 +38,7 @@ def reconstruction_figure(
     surfaces : mapping of str to (U, F), optional
         Reconstructed surfaces that are already at hand, by label; the others are extracted here.
     resolution : int, optional
-        Cells along the longest edge of the grid they are extracted on.
+        Cells along each edge of the grid they are extracted on.
 
     Returns
     -------
