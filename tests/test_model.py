@@ -12,7 +12,7 @@ from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transf
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
 from nilbs.io.archive import read_archive, write_archive
 from nilbs.io.errors import FileFormatError
-from nilbs.model import KIND, Model, check_character, in_unit_frame, load_model, torch_device
+from nilbs.model import KIND, Model, check_character, in_unit_frame, load_model, rest_center, torch_device
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 ANSWERS = ("occupancy", "distance", "weights")
@@ -48,10 +48,16 @@ def test_answers_have_their_shapes_and_ranges(d: int, models, rng: np.random.Gen
     assert W.min() >= 0
     np.testing.assert_allclose(W.sum(axis=1), 1, atol=1e-5)
     # Occupancy by eq. 7 and 8, from the other answers.
-    width = model.settings.cache_width * model.character.L
-    inside = 1 / (1 + np.exp(np.clip(model.distance(x, pose) / width, -50, 50)))
-    np.testing.assert_allclose(model.occupancy(x, pose, ghost=False), inside, atol=1e-5)
-    np.testing.assert_allclose(occupancy, (1 - W[:, -1]) * inside, atol=1e-5)
+    x_rest = (model.rest_points(x, pose) - rest_center(model.character)) / model.character.L
+    cached = model.field.cache.distance(torch.as_tensor(x_rest, dtype=torch.float32)).numpy()
+    inside = 1 / (1 + np.exp(np.clip(cached / model.settings.cache_width, -50, 50)))
+    np.testing.assert_allclose(model.occupancy(x, pose, ghost=False), inside, atol=1e-4)
+    np.testing.assert_allclose(occupancy, (1 - W[:, -1]) * inside, atol=1e-4)
+    # Distance is the cached one, but for points inside that the ghost bone rules out.
+    distance = model.distance(x, pose) / model.character.L
+    overruled = (cached < 0) & (occupancy < 0.5)
+    np.testing.assert_allclose(distance[~overruled], cached[~overruled], atol=1e-6)
+    np.testing.assert_array_equal(distance < 0, occupancy > 0.5)
 
 
 @DIMENSIONS
@@ -112,7 +118,7 @@ def test_chunks_do_not_change_the_answers(d: int, models, rng: np.random.Generat
     whole = {answer: getattr(model, answer)(x, pose) for answer in ANSWERS}
     monkeypatch.setattr(nilbs.model, "CHUNK", 7)
     for answer in ANSWERS:
-        np.testing.assert_allclose(getattr(model, answer)(x, pose), whole[answer], atol=1e-6)
+        np.testing.assert_allclose(getattr(model, answer)(x, pose), whole[answer], atol=1e-5)
 
 
 @DIMENSIONS
@@ -147,7 +153,10 @@ def test_the_surface_is_closed_and_occupancy_is_one_half_on_it(d: int, models) -
     pose = model.motion[2]
     U, F = model.extract(pose, resolution=40)
     assert is_watertight(F)
-    assert np.median(np.abs(model.occupancy(U, pose) - 0.5)) < 0.1
+    # Linear interpolation between nodes misses the level by less than a cell, and by less on a finer grid.
+    missed = np.median(np.abs(model.distance(U, pose)))
+    assert missed < 0.25 * model.character.L / 40
+    assert np.median(np.abs(model.distance(model.extract(pose, resolution=120)[0], pose))) < 0.5 * missed
     # Asking coarsely first saves work and changes nothing.
     grid = Grid.cube(linear_blend_skinning(model.character.V, model.character.W, pose), 40)
     everywhere = model.extract_on(grid, pose, stride=1)
@@ -224,7 +233,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: c.pop("field.network.layers.1.weight"), "layers.1.weight"),
         (lambda c, t: c.update({"character.W": c["character.W"][:-1]}), r"W must be"),
         (lambda c, t: c.update({"character.F": c["character.F"] + 10**6}), "F has an index outside"),
-        (lambda c, t: c.update({"character.P": np.full_like(c["character.P"], 99)}), "parents of bones do not fit"),
+        (lambda c, t: c.update({"character.P": np.full_like(c["character.P"], 99)}), "does not index"),
         (lambda c, t: c.update({"character.colour": c["character.V"]}), "colour"),
         (lambda c, t: c.update({"motion.B": c["motion.B"][:, :1]}), "the motion has shape"),
         (lambda c, t: c.update({"field.cache.values": c["field.cache.values"][:1]}), "the rest cache has shape"),
