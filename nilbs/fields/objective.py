@@ -42,10 +42,9 @@ class RandomPoses:
 class NilbsObjective:
     """Loss of a NiLBS field at a training step.
 
-    The occupancy loss draws half of its labelled points in proportion to the field's error on them, looked up anew
-    every `REFRESH` steps; a training may be continued only at a multiple of those.
-
-    The occupancy loss compares the field with the truth at labelled points of the motion's frames. The weight loss is
+    The occupancy loss compares the field with the truth at labelled points of the motion's frames, half of them drawn in
+    proportion to the field's error on them. That error is looked up anew every `REFRESH` steps, so a training may be
+    continued only at a multiple of those. The weight loss is
     the cross-entropy between the network's weights and known ones at rest points that skinning has posed, where the
     posed point's weights are those of the rest point it came from; posing costs nothing, so half of the poses are drawn
     at random. The paper's own weight loss is the special case of the rest pose and the rest vertices.
