@@ -42,8 +42,8 @@ class RandomPoses:
 class NilbsObjective:
     """Loss of a NiLBS field at a training step.
 
-    The occupancy loss compares the field with the truth at labelled points of the motion's frames, half of them drawn in
-    proportion to the field's error on them. That error is looked up anew every `REFRESH` steps, so a training may be
+    The occupancy loss compares the field with the truth at labelled points of the motion's frames, half of them drawn
+    in proportion to the field's error on them. That error is looked up anew every `REFRESH` steps, so a training may be
     continued only at a multiple of those. The weight loss is
     the cross-entropy between the network's weights and known ones at rest points that skinning has posed, where the
     posed point's weights are those of the rest point it came from; posing costs nothing, so half of the poses are drawn
