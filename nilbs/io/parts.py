@@ -1,0 +1,104 @@
+"""What a file can hold of a character: a mesh, a skeleton, painted weights, motions; any of them may be missing."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nilbs.geometry.skeleton import Skeleton
+from nilbs.io.errors import FileFormatError
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A mesh as its file holds it.
+
+    Attributes
+    ----------
+    V : (n, d) float array
+        Vertices, as many and in the order of the file; d is 2 where all z are 0.
+    E : (m, 3) int array
+        Triangles (or (m, 2) edges of a flat curve).
+    groups : mapping of str to (g,) int array
+        Faces (rows of E) by the name of their group or object. A face may be in several, or in none.
+    """
+
+    V: np.ndarray
+    E: np.ndarray
+    groups: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Influences:
+    """Painted weights, as sparse as the file has them: bone `bone[i]` moves vertex `vertex[i]` by `weight[i]`.
+
+    Attributes
+    ----------
+    vertex, bone : (i,) int arrays
+    weight : (i,) float array
+        Finite, as in the file: rows may not sum to one. A pair that is named twice counts with its sum.
+    """
+
+    vertex: np.ndarray
+    bone: np.ndarray
+    weight: np.ndarray
+
+    def dense(self, n: int, b: int, path: str | os.PathLike) -> np.ndarray:
+        """Weights (n, b) of n vertices, zero where the file names none.
+
+        Raises
+        ------
+        FileFormatError
+            If the file names a vertex or bone that does not exist.
+        """
+        for name, index, size in (("vertex", self.vertex, n), ("bone", self.bone, b)):
+            bad = np.flatnonzero((index < 0) | (index >= size))
+            if len(bad):
+                raise FileFormatError(path, f"a weight of {name} {index[bad[0]]}, but there are only {size}")
+        W = np.zeros((n, b))
+        np.add.at(W, (self.vertex, self.bone), self.weight)
+        return W
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A motion of a skeleton of its own.
+
+    Attributes
+    ----------
+    name : str
+    skeleton : Skeleton
+        Whose rest pose the transforms start from.
+    times : (t,) float array
+        Seconds, not decreasing.
+    B : (t, b, 4, 4) float array
+        Transforms of the skeleton's bones, rest to posed, in world coordinates.
+    """
+
+    name: str
+    skeleton: Skeleton
+    times: np.ndarray
+    B: np.ndarray
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What was found in one file.
+
+    Attributes
+    ----------
+    mesh : Mesh, optional
+    skeleton : Skeleton, optional
+    influences : Influences, optional
+        Columns are the skeleton's bones, rows the mesh's vertices.
+    clips : tuple of Clip
+    notes : tuple of str
+        A sentence on everything that was left out or decided for the user.
+    """
+
+    mesh: Mesh | None = None
+    skeleton: Skeleton | None = None
+    influences: Influences | None = None
+    clips: tuple[Clip, ...] = ()
+    notes: tuple[str, ...] = ()
