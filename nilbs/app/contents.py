@@ -19,6 +19,7 @@ from nilbs.io import (
     read_weights,
 )
 from nilbs.io.motion import read_any_motion_json
+from nilbs.io.registry import looks_like_weights
 
 # Weights that are further than this from rows on the simplex are a mistake and not rounding.
 _TOLERANCE = 1e-6
@@ -58,7 +59,7 @@ def read(path: str) -> Content:
         from nilbs.model import load_model
 
         return Content(path, "model", {"model": load_model(path)})
-    if suffix == ".npz" or _looks_like_weights(read_dmat(path)):
+    if suffix == ".npz" or looks_like_weights(read_dmat(path)):
         return Content(path, "weights", {"W": read_weights(path)})
     return Content(path, "motion", {"B": read_transforms(path)})
 
@@ -95,11 +96,6 @@ def describe(content: Content, others: list[Content]) -> dict[str, Any]:
     else:
         values = _model(arrays["model"], problems)
     return {"file": content.path, "kind": content.kind, **values, "problems": problems}
-
-
-def _looks_like_weights(A: np.ndarray) -> bool:
-    """Whether the rows of a matrix mostly sum to about one, or it cannot be a motion anyway."""
-    return bool(A.size == 0 or len(A) % 12 or np.median(np.abs(A.sum(axis=1) - 1)) < 0.1)
 
 
 def _mesh(V: np.ndarray, E: np.ndarray, problems: list[str]) -> dict[str, Any]:

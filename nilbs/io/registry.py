@@ -1,0 +1,156 @@
+"""Which file holds what, and the one reader of everything that tells its own mesh, bones, painted weights or motion."""
+
+import os
+import struct
+import zipfile
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+
+from nilbs.geometry.kinematics import bone_parents
+from nilbs.geometry.skeleton import Skeleton
+from nilbs.io.bounded import file_bytes
+from nilbs.io.dmat import read_dmat
+from nilbs.io.errors import FileFormatError, check_suffix
+from nilbs.io.parts import Parts
+from nilbs.io.tgf import read_tgf
+
+MESHES = (".obj", ".ply", ".off", ".stl")
+RIGS = (".tgf", ".txt", ".mhskel")
+WHOLE = (".glb", ".gltf", ".fbx")  # mesh, skeleton, painted weights and motions in one file
+WEIGHTS = (".dmat", ".npz", ".mhw")
+MOTIONS = (".dmat", ".json", ".bvh", *WHOLE)
+READABLE = tuple(dict.fromkeys(MESHES + RIGS + WHOLE + WEIGHTS + MOTIONS))
+WRITABLE = (".obj", ".ply", ".glb", ".txt", ".tgf", ".dmat", ".npz", ".bvh", ".json")
+
+_WEIGHTS_TOLERANCE = 0.1  # of the median row's sum from one
+
+
+def kind_of(path: str | os.PathLike) -> str:
+    """What a file holds, by its suffix and, where that leaves it open, by its content.
+
+    Returns
+    -------
+    kind : str
+        "parts": what `read_parts` reads. "weights": rows of a mesh whose bones the file does not describe (`.dmat`,
+        `.npz`, `.mhw`). "motion": of bones that the file does not describe (`.dmat`, `.json`).
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is unknown, or a `.dmat` file cannot be read.
+    OSError
+        If the content decides and cannot be read.
+
+    Examples
+    --------
+    >>> kind_of("body.glb"), kind_of("walk.json")
+    ('parts', 'motion')
+    """
+    suffix = check_suffix(path, *READABLE)
+    if suffix == ".dmat":
+        return "weights" if looks_like_weights(read_dmat(path)) else "motion"
+    if suffix == ".npz":
+        return "parts" if _is_body_model(path) else "weights"
+    return {".mhw": "weights", ".json": "motion"}.get(suffix, "parts")
+
+
+def looks_like_weights(A: np.ndarray) -> bool:
+    """Whether a matrix is skinning weights and not transforms, which take 12 rows a bone and a column a frame.
+
+    Parameters
+    ----------
+    A : (r, c) float array
+
+    Returns
+    -------
+    weights : bool
+        True where most rows sum to about one, or where A cannot hold transforms.
+
+    Examples
+    --------
+    >>> looks_like_weights(np.full((24, 2), 0.5)), looks_like_weights(np.ones((24, 2)))
+    (True, False)
+    """
+    return bool(A.size == 0 or len(A) % 12 or np.median(np.abs(A.sum(axis=1) - 1)) < _WEIGHTS_TOLERANCE)
+
+
+def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts:
+    r"""Read whatever a file holds of a character: mesh, skeleton, painted weights, motions.
+
+    Parameters
+    ----------
+    path : str or path
+        `.obj`, `.ply`, `.off`, `.stl`: a mesh. `.tgf`: a rig. `.txt`: a rig with weights, as RigNet writes it.
+        `.mhskel`: a rig of MakeHuman. `.bvh`: a skeleton and its motion. `.glb`, `.gltf`, and `.fbx` where Blender is
+        installed: everything. `.npz` with `v_template`: a body model of the SMPL family.
+    V : (n, 3) float array, optional
+        Vertices of the whole mesh file that the rig was made for; the joints of `.mhskel` are means of these.
+
+    Returns
+    -------
+    parts : Parts
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not what its suffix says, holds weights or a motion alone, or is a `.mhskel` without V.
+    OSError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "rig.tgf"
+    >>> _ = path.write_text("1 0 0 0\n2 1 0 0\n#\n1 2\n#\n")
+    >>> read_parts(path).skeleton.names
+    ('bone0',)
+    """
+    kind = kind_of(path)
+    if kind != "parts":
+        what = {"weights": "weights of vertices", "motion": "a motion of bones"}[kind]
+        raise FileFormatError(path, f"the file holds {what} and no mesh or rig")
+    suffix = Path(path).suffix.lower()
+    if suffix in MESHES:
+        from nilbs.io.mesh import read_mesh_parts
+
+        return Parts(mesh=read_mesh_parts(path))
+    if suffix == ".tgf":
+        C, BE = read_tgf(path)
+        return Parts(skeleton=Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE)))))
+    if suffix == ".mhskel":
+        from nilbs.io.makehuman import read_mhskel
+
+        if V is None:
+            raise FileFormatError(path, "its joints are means of vertices of a mesh: give the mesh file too")
+        return Parts(skeleton=read_mhskel(path, V))
+    if suffix in (".glb", ".gltf"):
+        from nilbs.io.gltf import read_gltf
+
+        return read_gltf(path)
+    if suffix == ".fbx":
+        from nilbs.io.fbx import read_fbx
+
+        return read_fbx(path)
+    if suffix == ".bvh":
+        from nilbs.io.bvh import read_bvh
+
+        return read_bvh(path)
+    if suffix == ".npz":
+        from nilbs.io.smpl import read_smpl
+
+        return read_smpl(path)
+    from nilbs.io.rignet import read_rignet
+
+    return read_rignet(path)
+
+
+def _is_body_model(path: str | os.PathLike) -> bool:
+    """Whether a `.npz` file names the arrays of the SMPL family; what is no archive is left to `read_weights`."""
+    data = file_bytes(path)
+    try:
+        with zipfile.ZipFile(BytesIO(data)) as archive:
+            return "v_template.npy" in archive.namelist()
+    except (zipfile.BadZipFile, struct.error, ValueError, OSError, RuntimeError):
+        return False
