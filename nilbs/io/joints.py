@@ -1,0 +1,90 @@
+"""What the files share whose bones are their joints: circles of parents, and where bones end."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
+
+
+def joint_in_circle(P: np.ndarray) -> int | None:
+    """A joint that is its own ancestor, if there is one.
+
+    Parameters
+    ----------
+    P : (b,) int array
+        Parent of every joint, -1 at a root.
+
+    Returns
+    -------
+    joint : int or None
+
+    Examples
+    --------
+    >>> joint_in_circle(np.array([1, 2, 1])), joint_in_circle(np.array([-1, 0]))
+    (2, None)
+    """
+    # b steps up lead to no joint, or onto a circle; each round doubles the steps.
+    above = np.append(P, -1)
+    for _ in range(len(P).bit_length()):
+        above = above[above]
+    return next((int(joint) for joint in above if joint >= 0), None)
+
+
+def first_joints(skeleton: Skeleton) -> np.ndarray:
+    """Where bones start, in space: (b, 3) float array, with z = 0 for a skeleton of the plane."""
+    return _in_space(skeleton.C)[skeleton.BE[:, 0]]
+
+
+def written_ends(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """Where bones end, and whether a file whose bones are joints has to say so.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+
+    Returns
+    -------
+    end : (b, 3) float array
+        The second joint of every bone, with z = 0 for a skeleton of the plane.
+    said : (b,) bool array
+        False where `skeleton_of_joints` gives a bone the same end from the first joints and parents alone.
+
+    Examples
+    --------
+    >>> end, said = written_ends(Skeleton([[0, 0], [1, 0], [1, 2]], [[0, 1], [1, 2]], [-1, 0], ("upper", "lower")))
+    >>> end.tolist(), said.tolist()
+    ([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0]], [False, True])
+    """
+    start = first_joints(skeleton)
+    end = _in_space(skeleton.C)[skeleton.BE[:, 1]]
+    chosen = skeleton_of_joints(start, skeleton.P, skeleton.names)
+    return end, (end != chosen.C[chosen.BE[:, 1]]).any(axis=1)
+
+
+def skeleton_with_ends(
+    positions: np.ndarray, parents: np.ndarray, names: Sequence[str], ends: Mapping[int, np.ndarray]
+) -> Skeleton:
+    """Skeleton of a rig whose bones are joints, some with an end that the file gives.
+
+    Parameters
+    ----------
+    positions : (b, 3) float array
+    parents : (b,) int array
+    names : sequence of b str
+    ends : mapping of int to (3,) float array
+        Joint to where its bone ends. An end at the place of a joint without children says no more than that the bone
+        has no length.
+
+    Returns
+    -------
+    skeleton : Skeleton
+        As `skeleton_of_joints` gives it.
+    """
+    inner = set(parents.tolist())
+    said = {joint: end for joint, end in ends.items() if joint in inner or (end != positions[joint]).any()}
+    return skeleton_of_joints(positions, parents, names, ends=said)
+
+
+def _in_space(C: np.ndarray) -> np.ndarray:
+    return np.pad(C, ((0, 0), (0, 3 - C.shape[1])))
