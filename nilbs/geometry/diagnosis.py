@@ -1,0 +1,267 @@
+"""What keeps a surface from being the boundary of a solid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nilbs.geometry.facets import components
+from nilbs.geometry.intersections import degenerate_facets, self_intersections
+from nilbs.geometry.occupancy import winding_number
+from nilbs.geometry.topology import Ridges, group_labels, ridges
+from nilbs.geometry.validation import arrays, check_indices
+
+
+@dataclass(frozen=True)
+class SurfaceReport:
+    """Findings on a surface of n vertices and m facets; a clean solid has none of the defects.
+
+    Attributes
+    ----------
+    d : int
+        Dimension of space.
+    size : float
+        L, the longest edge of the bounding box of the vertices that are used.
+    volume : float
+        Enclosed volume, or area in the plane, negative where facets face inward; of an open surface only a hint.
+    components : int
+        Pieces; facets that share a vertex are in one.
+    holes : int
+        Open rims: groups of edges (in the plane: ends) that belong to one facet only.
+    open_ridges, crowded_ridges, disagreeing_ridges : int
+        Edges (ends) of one facet only, of more than two, and of two that face opposite ways.
+    pinched : (p,) int array
+        Vertices where parts of the surface meet in nothing but this vertex.
+    inside_out : (i,) int array
+        A facet of every closed piece that faces inward and is no cavity of another.
+    degenerate : (g,) int array
+        Facets without area, by `degenerate_facets`.
+    duplicate : (u,) int array
+        Facets with the same vertices as one before them.
+    intersections : (k, 2) int array
+        Pairs of facets, by `self_intersections`.
+    all_intersections : bool
+        Whether these are all.
+    isolated : (s,) int array
+        Vertices of no facet.
+    coincident : (c,) int array
+        Vertices that facets use and that lie at the very place of one before them.
+    """
+
+    d: int
+    size: float
+    volume: float
+    components: int
+    holes: int
+    open_ridges: int
+    crowded_ridges: int
+    disagreeing_ridges: int
+    pinched: np.ndarray
+    inside_out: np.ndarray
+    degenerate: np.ndarray
+    duplicate: np.ndarray
+    intersections: np.ndarray
+    all_intersections: bool
+    isolated: np.ndarray
+    coincident: np.ndarray
+
+    @property
+    def watertight(self) -> bool:
+        """Closed, manifold along its edges and turned alike."""
+        return not (self.open_ridges or self.crowded_ridges or self.disagreeing_ridges)
+
+    def solid_defects(self) -> list[str]:
+        """What keeps the surface from being a clean solid, most important first; isolated vertices do not."""
+        hole, ridge, ridges = ("hole", "edge", "edges") if self.d == 3 else ("open end", "vertex", "vertices")
+        crossings = _count(len(self.intersections), "self-intersection")
+        findings = [
+            (self.holes, _count(self.holes, hole)),
+            (self.crowded_ridges, _count(self.crowded_ridges, ridge, ridges) + " of more than two facets"),
+            (self.disagreeing_ridges, _count(self.disagreeing_ridges, ridge, ridges) + " where facets disagree"),
+            (len(self.inside_out), _count(len(self.inside_out), "part") + " inside out"),
+            (len(self.intersections), crossings if self.all_intersections else f"more than {crossings}"),
+            (not self.all_intersections and not len(self.intersections), "too many facets in one place"),
+            (len(self.pinched), _count(len(self.pinched), "vertex", "vertices") + " where parts only touch"),
+            (len(self.degenerate), _count(len(self.degenerate), "facet") + " without area"),
+            (len(self.duplicate), _count(len(self.duplicate), "facet") + " twice"),
+            (len(self.coincident), _count(len(self.coincident), "vertex", "vertices") + " on top of others"),
+        ]
+        return [text for found, text in findings if found]
+
+
+def solid_defects(V: np.ndarray, F: np.ndarray) -> list[str]:
+    """What keeps a surface from being a clean solid.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices; d is 2 or 3.
+    F : (m, d) int array
+        Facets: edges in the plane, triangles in space.
+
+    Returns
+    -------
+    defects : list of str
+        Short phrases such as "3 holes". None: the surface is closed, manifold, facing outward and clear of itself, and
+        no facet is degenerate or stands twice. Vertices that no facet uses do no harm.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or F indexes a missing vertex.
+
+    Examples
+    --------
+    >>> V = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> solid_defects(V, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    []
+    >>> solid_defects(V, [[0, 2, 1], [0, 1, 3], [0, 3, 2]])
+    ['1 hole']
+    """
+    return surface_report(V, F).solid_defects()
+
+
+def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
+    """Examine a surface.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices; d is 2 or 3.
+    F : (m, d) int array
+        Facets: edges in the plane, triangles in space.
+
+    Returns
+    -------
+    report : SurfaceReport
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or F indexes a missing vertex.
+
+    Notes
+    -----
+    Vertices are the same by index, not by place: a surface that is cut along a seam is open there. Only the search for
+    self-intersections takes vertices at one place for one.
+
+    Examples
+    --------
+    >>> report = surface_report([[0, 0], [2, 0], [2, 1], [0, 1], [5, 5]], [[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> report.watertight, report.volume, report.isolated.tolist(), report.solid_defects()
+    (True, 2.0, [4], [])
+    """
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
+    if len(F):
+        check_indices("F", F, len(V), "vertices")
+    used = np.unique(F)
+    meeting = ridges(F)
+    _, _, alike = meeting.neighbours()
+    pairs, complete = self_intersections(V, F)
+    return SurfaceReport(
+        d=V.shape[1],
+        size=float(np.ptp(V[used], axis=0).max()) if len(used) else 0.0,
+        volume=enclosed_volume(V, F),
+        components=components(F, len(V)),
+        holes=_open_rims(meeting),
+        open_ridges=int((meeting.count == 1).sum()),
+        crowded_ridges=int((meeting.count > 2).sum()),
+        disagreeing_ridges=int((~alike).sum()),
+        pinched=_pinched(F, meeting),
+        inside_out=_inside_out(V, F, meeting),
+        degenerate=np.flatnonzero(degenerate_facets(V, F)),
+        duplicate=_repeated_rows(np.sort(F, axis=1)),
+        intersections=pairs,
+        all_intersections=complete,
+        isolated=np.setdiff1d(np.arange(len(V)), used),
+        coincident=used[_repeated_rows(V[used] + 0.0)],
+    )
+
+
+def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
+    """Volume inside a closed surface, or area inside a closed curve; negative where the facets face inward.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices; d is 2 or 3.
+    F : (m, d) int array
+        Facets.
+
+    Returns
+    -------
+    volume : float
+        In mesh units to the power d. Where the surface covers a place twice, it counts twice.
+
+    Examples
+    --------
+    >>> enclosed_volume([[0, 0], [2, 0], [0, 2]], [[0, 1], [1, 2], [2, 0]])
+    2.0
+    """
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
+    return float(_wedges(V, F).sum())
+
+
+def _wedges(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Signed volumes between each facet and one point in the middle."""
+    if not len(F):
+        return np.zeros(0)
+    corners = V[F] - V[F].mean(axis=(0, 1))
+    return np.linalg.det(corners) / (2 if V.shape[1] == 2 else 6)
+
+
+def _count(number: int, one: str, many: str | None = None) -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def _repeated_rows(rows: np.ndarray) -> np.ndarray:
+    """Rows that stand before them already."""
+    _, first = np.unique(rows, axis=0, return_index=True)
+    return np.setdiff1d(np.arange(len(rows)), first)
+
+
+def _open_rims(meeting: Ridges) -> int:
+    rim = meeting.corners[meeting.count == 1]
+    if rim.shape[1] == 1:
+        return len(rim)
+    vertex, ends = np.unique(rim, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    label = group_labels(ends[:, 0], ends[:, 1], len(vertex))
+    return len(np.unique(label))
+
+
+def _pinched(F: np.ndarray, meeting: Ridges) -> np.ndarray:
+    """Vertices whose triangles are not all joined by edges at this vertex."""
+    m, d = F.shape
+    if d == 2 or not m:
+        return np.zeros(0, dtype=np.int64)
+    # At a ridge every facet has a corner at its lower and one at its higher vertex; those of one vertex are joined.
+    tail = np.arange(3 * m).reshape(m, 3)
+    head = np.roll(tail, -1, axis=1)
+    along = meeting.sign > 0
+    order = np.argsort(meeting.ridge.ravel(), kind="stable")
+    together = np.diff(meeting.ridge.ravel()[order]) == 0
+    first, second = order[:-1][together], order[1:][together]
+    low, high = np.where(along, tail, head).ravel(), np.where(along, head, tail).ravel()
+    label = group_labels(np.concatenate([low[first], high[first]]), np.concatenate([low[second], high[second]]), 3 * m)
+    _, one = np.unique(label, return_index=True)
+    vertex, fans = np.unique(F.ravel()[one], return_counts=True)
+    return vertex[fans > 1]
+
+
+def _inside_out(V: np.ndarray, F: np.ndarray, meeting: Ridges) -> np.ndarray:
+    """A facet of every closed, coherent piece that faces inward and does not lie inside another."""
+    m = len(F)
+    first, second, alike = meeting.neighbours()
+    piece = group_labels(first, second, m)
+    sound = np.ones(m, dtype=bool)
+    sound[piece[first[~alike]]] = False
+    sound[piece[(meeting.count[meeting.ridge] != 2).any(axis=1)]] = False
+    negative = np.bincount(piece, _wedges(V, F), minlength=m) < 0
+    found = []
+    for label in np.flatnonzero(negative & sound):
+        mine = piece == label
+        facet = int(np.flatnonzero(mine)[0])
+        around = winding_number(V, F[~mine], V[F[facet]].mean(axis=0)[None])[0]
+        if around < 0.5:
+            found.append(facet)
+    return np.array(found, dtype=np.int64)
