@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from nilbs.character import Character as Character
     from nilbs.character import assemble as assemble
-    from nilbs.character import load_character as load_character
     from nilbs.evaluation import evaluate as evaluate
     from nilbs.fitting import fit as fit
+    from nilbs.loading import load_character as load_character
     from nilbs.model import Model as Model
     from nilbs.model import load_model as load_model
     from nilbs.motion import Motion as Motion
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Character": "character",
     "assemble": "character",
-    "load_character": "character",
+    "load_character": "loading",
     "evaluate": "evaluation",
     "Model": "model",
     "fit": "fitting",
