@@ -2,6 +2,7 @@
 
 A bone's rest frame is the translation to its first joint with world axes; its local rotation turns it about that joint
 relative to its parent. A root's rotation is relative to the world, and its first joint may be moved by a translation.
+Bones may also be moved away from their parents, and scaled together with all that hangs from them.
 """
 
 import numpy as np
@@ -73,13 +74,7 @@ def bone_order(P: np.ndarray) -> np.ndarray:
     """
     (P,) = arrays(P=(P, "b", int))
     check_indices("P", np.maximum(P, 0), max(len(P), 1), "bones")
-    level = np.full(len(P), -1)
-    level[P < 0] = 0
-    for depth in range(1, len(P) + 1):
-        level[(level < 0) & (level[P] == depth - 1) & (P >= 0)] = depth
-    if (level < 0).any():
-        raise ValueError(f"bones {np.flatnonzero(level < 0).tolist()} form a cycle; a skeleton is a tree")
-    return np.argsort(level, kind="stable")
+    return np.argsort(_levels(P), kind="stable")
 
 
 def forward_kinematics(
@@ -89,8 +84,10 @@ def forward_kinematics(
     theta: np.ndarray,
     *,
     root_translation: np.ndarray | None = None,
+    translation: np.ndarray | None = None,
+    scale: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Rest-to-posed transforms of bones from their local rotations.
+    """Rest-to-posed transforms of bones from their local rotations, and from their translations and scales.
 
     Parameters
     ----------
@@ -104,6 +101,12 @@ def forward_kinematics(
         Local rotations in radians, relative to the parent, about each bone's first joint.
     root_translation : (..., d) float array, optional
         How far every root's first joint moves, in mesh units; none by default.
+    translation : (..., b, d) float array, optional
+        How far every bone's first joint moves from where its parent takes it, in mesh units and in the parent's posed
+        axes; none by default.
+    scale : (..., b, 1) or (..., b, d) float array, optional
+        Factors of size, along all axes or along each of the bone's rest axes; all that hangs from the bone is scaled
+        with it. 1 by default.
 
     Returns
     -------
@@ -117,7 +120,8 @@ def forward_kinematics(
 
     Notes
     -----
-    B_b = B_parent T(c) R(theta_b) T(-c) with c = C[BE[b, 0]], the pose function above eq. 2 of [1]_.
+    B_b = B_parent T(c + t_b) R(theta_b) S_b T(-c) with c = C[BE[b, 0]]; with t_b = 0 and S_b = I it is the pose function
+    above eq. 2 of [1]_.
 
     References
     ----------
@@ -134,15 +138,23 @@ def forward_kinematics(
     (theta,) = arrays(theta=(theta, f"... {len(BE)} {3 if d == 3 else 1}"))
     check_indices("BE", BE, len(C), "joints")
     center = C[BE[:, 0]]
-    R = rotation_matrices(theta)
-    B = rigid_transforms(R, center - (R @ center[:, :, None])[..., 0])
+    A = rotation_matrices(theta)
+    if scale is not None:
+        size = 1 if np.shape(scale)[-1:] == (1,) else d
+        (scale,) = arrays(scale=(scale, f"... {len(BE)} {size}"))
+        A = A * scale[..., None, :]
+    moved = center - (A @ center[:, :, None])[..., 0]
+    if translation is not None:
+        (translation,) = arrays(translation=(translation, f"... {len(BE)} {d}"))
+        moved = moved + translation
     if root_translation is not None:
         (root_translation,) = arrays(root_translation=(root_translation, f"... {d}"))
-        translation = B[..., :d, d]
-        translation[..., P < 0, :] += root_translation[..., None, :]
-    for bone in bone_order(P):
-        if P[bone] >= 0:
-            B[..., bone, :, :] = B[..., P[bone], :, :] @ B[..., bone, :, :]
+        moved = moved + np.where((P < 0)[:, None], root_translation[..., None, :], 0.0)
+    B = rigid_transforms(A, moved)
+    level = _levels(P)
+    for depth in range(1, level.max(initial=0) + 1):
+        bones = np.flatnonzero(level == depth)
+        B[..., bones, :, :] = B[..., P[bones], :, :] @ B[..., bones, :, :]
     return B
 
 
@@ -197,7 +209,7 @@ def local_rotations(C: np.ndarray, BE: np.ndarray, P: np.ndarray, B: np.ndarray)
     root_translation = moved[..., roots[0], :] - center[roots[0]] if len(roots) else np.zeros((*B.shape[:-3], d))
     recomposed = forward_kinematics(C, BE, P, theta, root_translation=root_translation)
     apart = np.abs(recomposed - B)[..., :d, d].max(axis=-1)
-    size = np.linalg.norm(np.ptp(C, axis=0)) + np.abs(root_translation).max(initial=0)
+    size = np.linalg.norm(np.ptp(C, axis=0)) + np.abs(root_translation).max(initial=0) + 1e-9 * np.abs(C).max(initial=0)
     if (apart > 1e-5 * size).any():
         raise ValueError(f"bone {np.argwhere(apart > 1e-5 * size)[0][-1]} comes apart from its parent's joint")
     return theta, root_translation
@@ -355,3 +367,17 @@ def smooth_random_rotations(
     rms = np.sqrt((theta**2).sum(axis=-1).mean(axis=0)) if n else np.ones(len(P))
     theta *= (amplitude / np.where(rms > 0, rms, 1.0))[:, None]
     return np.where((P >= 0)[:, None], theta, 0.0)
+
+
+def _levels(P: np.ndarray) -> np.ndarray:
+    """How many ancestors every bone has."""
+    b = len(P)
+    # Bone b stands above the roots and above itself; every round doubles the steps up that have been taken.
+    above = np.append(np.where(P < 0, b, P), b)
+    level = np.append(np.where(P < 0, 0, 1), 0)
+    for _ in range(b.bit_length()):
+        level += level[above]
+        above = above[above]
+    if (above < b).any():
+        raise ValueError(f"bones {np.flatnonzero(above < b).tolist()} form a cycle; a skeleton is a tree")
+    return level[:b]
