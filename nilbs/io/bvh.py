@@ -1,0 +1,405 @@
+"""Biovision's `.bvh` files: a skeleton whose bones are joints, and one motion of it."""
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from itertools import islice, takewhile
+from pathlib import Path
+
+import numpy as np
+
+from nilbs.geometry.rotations import rotation_matrices
+from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.validation import arrays
+from nilbs.io.atomic import replacing
+from nilbs.io.bounded import line_blocks
+from nilbs.io.errors import FileFormatError
+from nilbs.io.joints import first_joints, skeleton_with_ends, written_ends
+from nilbs.io.parts import Clip, Parts
+from nilbs.io.words import finite_numbers, text_of, unique_names, written_names
+
+_CHANNEL = re.compile(rb"([xyz])(position|rotation)", re.IGNORECASE)
+_SIZE = re.compile(rb"[0-6]")
+_FRAMES = re.compile(rb"frames\s*:\s*(\d{1,9})", re.IGNORECASE)
+_FRAME_TIME = re.compile(rb"frame\s+time\s*:\s*(\S+)", re.IGNORECASE)
+_BLOCK = 2**18  # numbers of a motion that are converted at a time
+_POSES = 2**18  # bones times frames that any file may hold; beyond, every channel has to pay for one
+_UNFIT = r"[\t-\r{}]|^ +| +$|  +"  # what a name, read up to its brace, loses
+_EVEN = 1e-3  # of a frame: times that float32 rounded still count as equally far apart
+_RIGID = 1e-5  # how far a rotation in float32 may be from orthogonal
+_APART = 4e-7  # of the skeleton's size: a joint that moves less has no positions of its own
+
+Lines = Iterator[tuple[int, bytes]]
+
+
+def read_bvh(path: str | os.PathLike) -> Parts:
+    r"""Read a skeleton and its motion.
+
+    Parameters
+    ----------
+    path : str or path
+        The file. Joints may have any channels in any order; a file may have several roots, and no frame.
+
+    Returns
+    -------
+    parts : Parts
+        The skeleton, one clip called as the file, and notes on what was decided. In the rest pose all rotations are
+        zero and every joint stands at its OFFSET from its parent, a root at its OFFSET from the origin. An End Site is
+        where a bone ends.
+
+    Raises
+    ------
+    FileFormatError
+        With the line, if the hierarchy or a row of numbers is broken, or there are not as many rows as the file says.
+    OSError
+        If the file cannot be read.
+
+    Notes
+    -----
+    A joint's rotations act in the order listed, the last one first: `Zrotation Xrotation Yrotation` is Rz Rx Ry. Its
+    position takes the place of its OFFSET, as Blender has it; a coordinate that has no channel stays. Some programs
+    write positions relative to the OFFSET instead: they are read so where those of the joints below the roots are, in
+    the first frame, nearer to zero than to the OFFSETs, and a note says it.
+
+    References
+    ----------
+    .. [1] Meredith and Maddock, Motion capture file formats explained, University of Sheffield, CS-01-11, 2001.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "turn.bvh"
+    >>> _ = path.write_text('''HIERARCHY
+    ... ROOT hip
+    ... { OFFSET 0 1 0
+    ...   CHANNELS 2 Yposition Zrotation
+    ...   End Site
+    ...   { OFFSET 0 1 0 } }
+    ... MOTION
+    ... Frames: 1
+    ... Frame Time: 0.04
+    ... 3 90
+    ... ''')
+    >>> (clip,) = read_bvh(path).clips
+    >>> (clip.B[0, 0] @ [0, 2, 0, 1]).round(6)  # the end of the bone
+    array([-1.,  3.,  0.,  1.])
+    """
+    lines = ((number, line) for first, block in line_blocks(path) for number, line in enumerate(block, first))
+    joints = _hierarchy(path, lines)
+    seconds, motion = _motion(path, lines, len(joints), sum(len(joint.channels) for joint in joints))
+    names, notes = unique_names(joint.name for joint in joints)
+    rest = np.zeros((len(joints), 3))
+    ends = {}
+    with np.errstate(over="ignore", invalid="ignore"):
+        for j, joint in enumerate(joints):
+            rest[j] = joint.offset if joint.parent < 0 else rest[joint.parent] + joint.offset
+            if joint.end is not None:
+                ends[j] = rest[j] + joint.end
+        B, relative = _transforms(joints, motion, rest)
+    if not all(np.isfinite(array).all() for array in (rest, B, *ends.values())):
+        raise FileFormatError(path, "the joints are farther apart than numbers go")
+    if relative:
+        notes += ("positions of joints below the roots are near zero: they were added to the OFFSETs",)
+    skeleton = skeleton_with_ends(rest, np.array([joint.parent for joint in joints]), names, ends)
+    clip = Clip(Path(path).stem, skeleton, seconds * np.arange(len(motion)), B)
+    return Parts(skeleton=skeleton, clips=(clip,), notes=notes)
+
+
+def write_bvh(path: str | os.PathLike, clip: Clip) -> tuple[str, ...]:
+    """Write a motion and its skeleton.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    clip : Clip
+        With a skeleton of b bones, which may be flat. Bones are written as joints, a parent's before its children's,
+        with rotations about z, x and y; roots, and bones that come apart from their parent, with positions too.
+
+    Returns
+    -------
+    notes : tuple of str
+        A sentence where names were changed, or where the motion does not start at 0 s.
+
+    Raises
+    ------
+    ValueError
+        If the clip's arrays disagree, a bone is scaled, sheared or mirrored, or frames are not equally far apart.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from nilbs.geometry.skeleton import Skeleton
+    >>> arm = Skeleton([[0, 0, 0], [0, 1, 0]], [[0, 1]], [-1], ["arm"])
+    >>> path = tempfile.mkdtemp() + "/still.bvh"
+    >>> write_bvh(path, Clip("still", arm, np.array([0.0]), np.eye(4)[None, None]))
+    ()
+    >>> with open(path) as file:
+    ...     print(file.read().strip().expandtabs(2))
+    HIERARCHY
+    ROOT arm
+    {
+      OFFSET 0.0 0.0 0.0
+      CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+      End Site
+      {
+        OFFSET 0.0 1.0 0.0
+      }
+    }
+    MOTION
+    Frames: 1
+    Frame Time: 0.03333333333333333
+    0 0 0 0 0 0
+    """
+    skeleton = clip.skeleton
+    B, times = arrays(B=(clip.B, f"t {len(skeleton.P)} 4 4"), times=(clip.times, "t"))
+    names, notes = written_names(skeleton.names, _UNFIT)
+    if len(times) and times[0]:
+        notes += (f"the motion starts at {times[0]:g} s, in the file at 0 s",)
+    seconds = _frame_seconds(times)
+    positions, degrees = _channels(skeleton, B)
+    below = skeleton.P >= 0
+    offset = first_joints(skeleton)
+    offset[below] -= first_joints(skeleton)[skeleton.P[below]]
+    size = np.linalg.norm(np.ptp(skeleton.C, axis=0))
+    moved = ~below | (np.abs(positions - offset).max(axis=(0, 2), initial=0) > _APART * size)
+    apart = moved & below
+    if len(times) and _relative(positions[0, apart], offset[apart]):
+        positions[:, apart] -= offset[apart]
+    text, order = _hierarchy_text(skeleton, names, offset, moved)
+    columns = [np.zeros((len(times), 0))]
+    for bone in order:
+        columns += [positions[:, bone], degrees[:, bone]] if moved[bone] else [degrees[:, bone]]
+    with replacing(path, "w") as file:
+        file.write(f"HIERARCHY\n{text}MOTION\nFrames: {len(times)}\nFrame Time: {seconds}\n")
+        np.savetxt(file, np.concatenate(columns, axis=1), fmt="%.10g")
+    return notes
+
+
+class _Joint:
+    def __init__(self, name: str, parent: int, line: int) -> None:
+        self.name = name
+        self.parent = parent
+        self.line = line
+        self.offset: np.ndarray | None = None
+        self.channels: list[tuple[bool, int]] = []  # whether a rotation, and its axis
+        self.end: np.ndarray | None = None
+
+
+def _words(lines: Lines) -> Iterator[tuple[bytes, int]]:
+    """The words before MOTION, with their lines."""
+    for number, line in lines:
+        words = line.replace(b"{", b" { ").replace(b"}", b" } ").split()
+        if words and words[0].lower() == b"motion":
+            return
+        for word in words:
+            yield word, number
+
+
+def _hierarchy(path: str | os.PathLike, lines: Lines) -> list[_Joint]:
+    """The joints of a file, every parent before its children."""
+    joints: list[_Joint] = []
+    opened: list[int] = []  # the joints around the word that is read, and -1 for an End Site
+    words = _words(lines)
+    number = 0
+
+    def take(size: int) -> list[bytes]:
+        return [word for word, _ in islice(words, size)]
+
+    for word, number in words:
+        kind = word.lower()
+        inner = opened[-1] if opened else None
+        if kind in (b"root", b"joint", b"end"):
+            if (kind == b"root") != (inner is None) or inner == -1:
+                raise FileFormatError(path, f"{text_of(word)} at the wrong place: is a brace missing?", number)
+            before = list(takewhile(lambda found: found[0] != b"{", words))
+            name = b" ".join(word for word, _ in before)
+            if not name or before[-1][1] != number:
+                message = f"{text_of(word)} needs a name in its line, and then a brace"
+                raise FileFormatError(path, message, number)
+            if kind == b"end":
+                opened.append(-1)
+            else:
+                opened.append(len(joints))
+                joints.append(_Joint(text_of(name), -1 if inner is None else inner, number))
+        elif kind == b"offset" and inner is not None:
+            offset = finite_numbers(take(3))
+            if offset is None or len(offset) < 3:
+                raise FileFormatError(path, "OFFSET needs three finite numbers", number)
+            if inner == -1:
+                joints[opened[-2]].end = offset
+            else:
+                joints[inner].offset = offset
+        elif kind == b"channels" and inner is not None and inner >= 0:
+            size = next(words, (b"", number))[0]
+            found = [_CHANNEL.fullmatch(name) for name in take(int(size))] if _SIZE.fullmatch(size) else [None]
+            if None in found or len(found) != int(size):
+                message = "CHANNELS needs their number, up to 6, and as many of Xposition, Yrotation and the like"
+                raise FileFormatError(path, message, number)
+            joints[inner].channels = [(m[2].lower() == b"rotation", b"xyz".index(m[1].lower())) for m in found if m]
+        elif kind == b"}" and inner is not None:
+            opened.pop()
+        elif kind != b"hierarchy" or joints:
+            message = f"{text_of(word)[:40]!r} at the wrong place in the hierarchy"
+            raise FileFormatError(path, message, number)
+    if not joints or opened:
+        message = "a brace is not closed before MOTION" if joints else "the hierarchy has no joint"
+        raise FileFormatError(path, message, number or None)
+    for joint in joints:
+        if joint.offset is None:
+            raise FileFormatError(path, f"joint {joint.name[:60]!r} has no OFFSET", joint.line)
+    return joints
+
+
+def _motion(path: str | os.PathLike, lines: Lines, joints: int, channels: int) -> tuple[float, np.ndarray]:
+    """Seconds a frame, and the motion's numbers (t, channels)."""
+    full = ((number, line.strip()) for number, line in lines if line.strip())
+    number, line = next(full, (None, b""))
+    frames = _FRAMES.fullmatch(line)
+    if not frames:
+        raise FileFormatError(path, 'a line "Frames: NUMBER" must follow MOTION', number)
+    number, line = next(full, (number, b""))
+    frame_time = _FRAME_TIME.fullmatch(line)
+    seconds = finite_numbers([frame_time[1]]) if frame_time else None
+    if seconds is None or seconds[0] < 0:
+        raise FileFormatError(path, 'a line "Frame Time: SECONDS" must follow the number of frames', number)
+    t = int(frames[1])
+    blocks = [np.zeros((0, channels))]
+    rows: list[tuple[int, list[bytes]]] = []
+    read = 0
+    for number, line in full:
+        words = line.split(maxsplit=channels)
+        if read == t:
+            raise FileFormatError(path, f"the motion goes on after its {t} frames", number)
+        if len(words) != channels:
+            raise FileFormatError(path, f"a frame has {channels} numbers, one for every channel", number)
+        rows.append((number, words))
+        read += 1
+        if len(rows) * channels > _BLOCK:
+            blocks.append(_numbers(path, rows))
+            rows = []
+    if read < t:
+        raise FileFormatError(path, f"the motion ends after {read} of {t} frames", number)
+    if rows:
+        blocks.append(_numbers(path, rows))
+    if t * joints > max(t * channels, _POSES):
+        raise FileFormatError(path, f"{t} frames of {joints} joints, of which hardly any has a channel", number)
+    return float(seconds[0]), np.concatenate(blocks)
+
+
+def _numbers(path: str | os.PathLike, rows: list[tuple[int, list[bytes]]]) -> np.ndarray:
+    values = finite_numbers([word for _, words in rows for word in words])
+    if values is None:
+        number = next(number for number, words in rows if finite_numbers(words) is None)
+        raise FileFormatError(path, "a frame holds something that is no finite number", number)
+    return values.reshape(len(rows), -1)
+
+
+def _transforms(joints: list[_Joint], motion: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Transforms (t, b, 4, 4) of joints, rest to posed, and whether positions were relative to the OFFSETs."""
+    t = len(motion)
+    column = np.cumsum([0, *(len(joint.channels) for joint in joints)]).tolist()
+    offset = np.array([joint.offset for joint in joints])
+    positions = [
+        (c, j, axis)
+        for j, joint in enumerate(joints)
+        for c, (turns, axis) in enumerate(joint.channels, column[j])
+        if joint.parent >= 0 and not turns
+    ]
+    columns, of, axes = np.array(positions, dtype=np.int64).reshape(-1, 3).T
+    relative = t > 0 and _relative(motion[0, columns], offset[of, axes])
+    if relative:
+        motion[:, columns] += offset[of, axes]
+    cos, sin = np.cos(np.radians(motion)), np.sin(np.radians(motion))
+    B = np.zeros((t, len(joints), 4, 4))
+    B[:, :, 3, 3] = 1
+    world = np.broadcast_to(np.eye(4), (t, 4, 4))
+    # First where every joint is in the world, G(t).
+    for joint, G, local, start in zip(joints, B.swapaxes(0, 1), offset, column, strict=False):
+        parent = B[:, joint.parent] if joint.parent >= 0 else world
+        position = np.tile(local, (t, 1))
+        R = parent[:, :3, :3].copy()
+        for c, (turns, axis) in enumerate(joint.channels, start):
+            if turns:  # R times a turn about the axis: two columns of R turn
+                i, k = (axis + 1) % 3, (axis + 2) % 3
+                turned = cos[:, c, None] * R[:, :, i] + sin[:, c, None] * R[:, :, k]
+                R[:, :, k] = cos[:, c, None] * R[:, :, k] - sin[:, c, None] * R[:, :, i]
+                R[:, :, i] = turned
+            else:
+                position[:, axis] = motion[:, c]
+        G[:, :3, :3] = R
+        G[:, :3, 3] = parent[:, :3, 3] + (parent[:, :3, :3] @ position[:, :, None])[:, :, 0]
+    # Then G(t) inv(G(rest)), where G(rest) is a translation.
+    B[:, :, :3, 3] -= (B[:, :, :3, :3] @ rest[:, :, None])[..., 0]
+    return B, relative
+
+
+def _relative(positions: np.ndarray, offset: np.ndarray) -> bool:
+    """Whether positions in the first frame are displacements from the OFFSETs rather than in their place."""
+    return bool((positions**2).sum() < ((positions - offset) ** 2).sum())
+
+
+def _frame_seconds(times: np.ndarray) -> float:
+    if len(times) < 2:
+        return 1 / 30
+    seconds = (times[-1] - times[0]) / (len(times) - 1)
+    uneven = np.flatnonzero(np.abs(times - times[0] - seconds * np.arange(len(times))) > _EVEN * seconds)
+    if len(uneven):
+        message = f"frame {uneven[0]}, at {times[uneven[0]]:g} s, is not: give the motion at a constant rate"
+        raise ValueError(f"the frames of a .bvh file are equally far apart, and {message}")
+    return float(seconds)
+
+
+def _channels(skeleton: Skeleton, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions in the parent's frame, and degrees about z, x and y: both (t, b, 3)."""
+    R, start, P = B[:, :, :3, :3], first_joints(skeleton), skeleton.P
+    rigid = (np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)).max(axis=(-1, -2)) < _RIGID) & (np.linalg.det(R) > 0)
+    rigid &= (B[:, :, 3] == [0, 0, 0, 1]).all(axis=-1)
+    if not rigid.all():
+        frame, bone = np.argwhere(~rigid)[0]
+        message = f"bone {skeleton.names[bone]!r} is scaled, sheared or mirrored in frame {frame}"
+        raise ValueError(f"{message}: a .bvh file holds rotations and positions only")
+    place = (R @ start[:, :, None])[..., 0] + B[:, :, :3, 3]
+    root = P < 0
+    to_parent = np.where(root[:, None, None], np.eye(3), R[:, P].swapaxes(-1, -2))
+    positions = (to_parent @ (place - np.where(root[:, None], 0, place[:, P]))[..., None])[..., 0]
+    A = to_parent @ R
+    # A = Rz Rx Ry. Without Ry, taken from the last row, A would be Rz Rx: so no angle loses digits near x = 90 degrees.
+    y = np.arctan2(-A[..., 2, 0], A[..., 2, 2])
+    A = A @ rotation_matrices(np.stack([0 * y, -y, 0 * y], axis=-1))
+    angles = [np.arctan2(A[..., 1, 0], A[..., 0, 0]), np.arctan2(A[..., 2, 1], A[..., 2, 2]), y]
+    return positions, np.degrees(np.stack(angles, axis=-1)) + 0.0
+
+
+def _hierarchy_text(
+    skeleton: Skeleton, names: Sequence[str], offset: np.ndarray, moved: np.ndarray
+) -> tuple[str, list[int]]:
+    """The hierarchy, and the bones in the order of their joints there."""
+    children: dict[int, list[int]] = {}
+    for bone, parent in enumerate(skeleton.P.tolist()):
+        children.setdefault(parent, []).append(bone)
+    end, said = written_ends(skeleton)
+    end = end - first_joints(skeleton)
+    lines: list[str] = []
+    order: list[int] = []
+    todo: list[tuple[int, str]] = [(bone, "") for bone in reversed(children[-1])]
+    while todo:
+        bone, tab = todo.pop()
+        if bone < 0:
+            lines.append(f"{tab}}}")
+            continue
+        order.append(bone)
+        positions = "6 Xposition Yposition Zposition" if moved[bone] else "3"
+        lines += [f"{tab}{'JOINT' if tab else 'ROOT'} {names[bone]}", f"{tab}{{", f"{tab}\tOFFSET {_xyz(offset[bone])}"]
+        lines.append(f"{tab}\tCHANNELS {positions} Zrotation Xrotation Yrotation")
+        if said[bone] or bone not in children:
+            lines += [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {_xyz(end[bone])}", f"{tab}\t}}"]
+        todo.append((-1, tab))
+        todo += [(child, tab + "\t") for child in reversed(children.get(bone, []))]
+    return "\n".join(lines) + "\n", order
+
+
+def _xyz(vector: np.ndarray) -> str:
+    return " ".join(map(str, vector.tolist()))
