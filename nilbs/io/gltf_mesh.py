@@ -1,0 +1,205 @@
+"""The meshes of a glTF file at rest, and the bones that move their vertices."""
+
+from typing import Any
+
+import numpy as np
+
+from nilbs.geometry.rotations import transform_points
+from nilbs.io.gltf_document import Document
+from nilbs.io.gltf_nodes import Nodes
+from nilbs.io.gltf_skin import Rig, Skin
+from nilbs.io.parts import Influences, Mesh
+
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+
+
+def read_meshes(file: Document, nodes: Nodes, rig: Rig) -> tuple[Mesh | None, Influences | None, list[str]]:
+    """Read all triangles of a file's scene, one mesh after the other.
+
+    Returns
+    -------
+    mesh : Mesh or None
+        At rest; None where there is no triangle.
+    influences : Influences or None
+        None where nothing says which bones move the mesh.
+    notes : list of str
+
+    Raises
+    ------
+    FileFormatError
+        If a mesh is damaged.
+    OSError
+        If a buffer cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from nilbs.io.gltf_nodes import read_nodes
+    >>> from nilbs.io.gltf_skin import read_rig
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "nothing.gltf"
+    >>> _ = path.write_text('{"asset": {"version": "2.0"}}')
+    >>> file = Document(path)
+    >>> nodes = read_nodes(file)
+    >>> read_meshes(file, nodes, read_rig(file, nodes))
+    (None, None, [])
+    """
+    pile = _Pile(file, nodes, rig)
+    groups: dict[str, list[np.ndarray]] = {}
+    meshes = file.entries("meshes")
+    for node, entry in enumerate(file.entries("nodes")):
+        if "mesh" in entry and nodes.shown[node]:
+            index = file.whole(entry, "mesh", nodes.label(node), below=len(meshes))
+            skin = None
+            if "skin" in entry:
+                skin = rig.skins[file.whole(entry, "skin", nodes.label(node), below=len(rig.skins))]
+            first = pile.m
+            pile.add_mesh(node, skin, meshes[index], f"mesh {index}")
+            name = file.text(meshes[index], "name", f"mesh {index}")
+            for group in {nodes.names[node] or name or f"node{node}", name} - {""}:
+                groups.setdefault(group, []).append(np.arange(first, pile.m))
+    if not pile.m:
+        return None, None, pile.notes
+    faces = {name: np.concatenate(parts) for name, parts in groups.items()}
+    mesh = _mesh(np.concatenate(pile.V), np.concatenate(pile.E), faces)
+    if not pile.bound:
+        unbound = ["no mesh hangs on the skeleton: the file has no weights"] if rig.skeleton else []
+        return mesh, None, pile.notes + unbound
+    loose = [f"{nodes.label(node)} hangs on no joint: it follows the first root" for node in pile.loose]
+    influences = Influences(*(np.concatenate(column) for column in zip(*pile.moved, strict=True)))
+    return mesh, influences, pile.notes + loose
+
+
+class _Pile:
+    """Meshes one after the other, as lists of arrays."""
+
+    def __init__(self, file: Document, nodes: Nodes, rig: Rig) -> None:
+        self.file, self.nodes, self.rig = file, nodes, rig
+        self.notes: list[str] = []
+        self.V: list[np.ndarray] = []
+        self.E: list[np.ndarray] = []
+        self.moved: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []  # vertices, bones, weights
+        self.loose: list[int] = []  # nodes with vertices that hang on no joint
+        self.bound = False  # whether there are others
+        self.n = self.m = 0  # vertices and triangles
+
+    def add_mesh(self, node: int, skin: Skin | None, mesh: dict[str, Any], where: str) -> None:
+        file = self.file
+        known: dict[tuple, tuple[int, int, bool]] = {}  # vertices that several primitives share
+        for number, primitive in enumerate(file.objects(mesh, "primitives", where)):
+            name = f"{where}, primitive {number}"
+            mode = file.whole(primitive, "mode", name, default=_TRIANGLES)
+            if mode not in (_TRIANGLES, _STRIP, _FAN):
+                self.notes.append("points and lines are left out")
+                continue
+            if "targets" in primitive:
+                self.notes.append("morph targets are left out")
+            attributes = file.section(primitive, "attributes", name)
+            used = sorted(key for key in attributes if key.startswith(("POSITION", "JOINTS_", "WEIGHTS_")))
+            at = {key: file.whole(attributes, key, name) for key in used}
+            key = tuple(at.items())
+            if key not in known:
+                known[key] = self._add_vertices(node, skin, at, name)
+            first, n, mirrored = known[key]
+            if "indices" in primitive:
+                index = file.whole(primitive, "indices", name)
+                corners = file.accessor(index, f"{name}, indices", "SCALAR", whole=True)[:, 0]
+            else:
+                file.spend(n, name)
+                corners = np.arange(n)
+            if len(corners) and corners.max() >= n:
+                raise file.error(f"{name} refers to vertex {corners.max()} of {n}")
+            if mode == _TRIANGLES and len(corners) % 3:
+                raise file.error(f"{name} has {len(corners)} corners, which make no whole triangles")
+            E = first + _triangles(corners, mode)
+            self.E.append(E[:, ::-1] if mirrored else E)
+            self.m += len(E)
+
+    def _add_vertices(self, node: int, skin: Skin | None, at: dict[str, int], where: str) -> tuple[int, int, bool]:
+        """Add the vertices of a primitive: the first of them, how many, and whether they are mirrored."""
+        if "POSITION" not in at:
+            raise self.file.error(f"{where} has no positions")
+        v = self.file.accessor(at["POSITION"], f"{where}, positions", "VEC3")
+        first, n = self.n, len(v)
+        self.n += n
+        if skin is not None and "JOINTS_0" in at:
+            place = skin.place[0]
+            vertex, joint, weight = self._weights(at, n, len(skin.bones), where)
+            self.V.append(_placed(skin, v, vertex, joint, weight))
+            self.moved.append((vertex + first, skin.bones[joint], weight))
+            self.bound = True
+            if not np.bincount(vertex, minlength=n).all():
+                self.notes.append(f"{self.nodes.label(node)} has vertices without any weight")
+        else:
+            place, bone = self._hanging(node)
+            self.V.append(transform_points(place, v))
+            self.moved.append((np.arange(first, self.n), np.full(n, bone), np.ones(n)))
+        return first, n, bool(np.linalg.det(place[:3, :3]) < 0)
+
+    def _hanging(self, node: int) -> tuple[np.ndarray, int]:
+        """Where a node stands at rest, and the bone that it follows."""
+        rig = self.rig
+        if node in rig.bone:
+            self.bound = True
+            return rig.rest[rig.bone[node]], rig.bone[node]
+        if rig.above[node] >= 0:
+            self.bound = True
+            bone = rig.bone[int(rig.above[node])]
+            return rig.rest[bone] @ rig.relative[node], bone
+        self.loose.append(node)
+        return self.nodes.world[node], 0 if rig.skeleton is None else int(np.argmin(rig.skeleton.P))
+
+    def _weights(self, at: dict[str, int], n: int, k: int, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Vertices, joints of the skin and weights other than zero, from all sets of a primitive."""
+        found = []
+        for number in range(sum(key.startswith("JOINTS_") for key in at)):
+            joints, weights = f"JOINTS_{number}", f"WEIGHTS_{number}"
+            if joints not in at or weights not in at:
+                raise self.file.error(f"{where} has {joints} or {weights} without the other")
+            joint = self.file.accessor(at[joints], f"{where}, {joints}", "VEC4", whole=True)
+            weight = self.file.accessor(at[weights], f"{where}, {weights}", "VEC4")
+            if len(joint) != n or len(weight) != n:
+                raise self.file.error(f"{where}: {n} positions, {len(joint)} {joints} and {len(weight)} {weights}")
+            vertex, slot = np.nonzero(weight)
+            joint, weight = joint[vertex, slot], weight[vertex, slot]
+            if len(joint) and joint.max() >= k:
+                raise self.file.error(f"{where} refers to joint {joint.max()} of a skin of {k}")
+            found.append((vertex, joint, weight))
+        vertex, joint, weight = (np.concatenate(column) for column in zip(*found, strict=True))
+        return vertex, joint, weight
+
+
+def _placed(skin: Skin, v: np.ndarray, vertex: np.ndarray, joint: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Vertices of a skin at rest; where it was bound in another pose, posed to the rest pose by its own weights."""
+    V = transform_points(skin.place[0], v)
+    if skin.agree:
+        return V
+    total = np.bincount(vertex, weight, len(v))
+    sound = np.abs(total) > 1e-3
+    posed = np.zeros_like(V)
+    np.add.at(posed, vertex, weight[:, None] * transform_points(skin.place[joint], v[vertex]))
+    V[sound] = posed[sound] / total[sound, None]
+    return V
+
+
+def _triangles(corners: np.ndarray, mode: int) -> np.ndarray:
+    """Triangles (m, 3) of a list, a strip or a fan."""
+    if mode == _TRIANGLES:
+        return corners.reshape(-1, 3)
+    middle, last = corners[1:-1], corners[2:]
+    if mode == _FAN:
+        return np.stack([np.broadcast_to(corners[:1], last.shape), middle, last], axis=1)
+    E = np.stack([corners[:-2], middle, last], axis=1)
+    E[1::2] = E[1::2][:, [0, 2, 1]]
+    # Strips are sewn together by triangles that use a corner twice.
+    return E[(E[:, 0] != E[:, 1]) & (E[:, 1] != E[:, 2]) & (E[:, 2] != E[:, 0])]
+
+
+def _mesh(V: np.ndarray, E: np.ndarray, groups: dict[str, np.ndarray]) -> Mesh:
+    """The mesh; one that is flat in the plane, its triangles counter-clockwise."""
+    if V[:, 2].any():
+        return Mesh(V, E, groups)
+    V = V[:, :2].copy()
+    a, b = V[E[:, 1]] - V[E[:, 0]], V[E[:, 2]] - V[E[:, 0]]
+    clockwise = a[:, 0] * b[:, 1] < a[:, 1] * b[:, 0]
+    E[clockwise] = E[clockwise][:, ::-1]
+    return Mesh(V, E, groups)

@@ -1,0 +1,244 @@
+"""The nodes of a glTF scene: their tree and their transforms at rest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nilbs.io.gltf_document import Document
+
+LARGEST = 1e60  # of a number in a transform, so that a product of a few stays finite
+_LIMIT = 2**17  # nodes; an empty one takes three bytes of the file, and some hundreds here
+_AT_REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """A forest of named coordinate frames.
+
+    Attributes
+    ----------
+    names : list of n str
+        Empty where a node has none.
+    parent : (n,) int array
+        -1 at a root.
+    order : list of n int
+        All nodes, parents before their children.
+    local : (n, 4, 4) float array
+        Transform relative to the parent, at rest.
+    world : (n, 4, 4) float array
+        Transform relative to the world, at rest.
+    translation, rotation, scale : (n, 3), (n, 4), (n, 3) float arrays
+        Of which `local` is made; rotations are unit quaternions (x, y, z, w).
+    fixed : (n,) bool array
+        Where the file gives a matrix instead, which no animation may move.
+    shown : (n,) bool array
+        Whether the node stands in the scene that the file shows.
+    """
+
+    names: list[str]
+    parent: np.ndarray
+    order: list[int]
+    local: np.ndarray
+    world: np.ndarray
+    translation: np.ndarray
+    rotation: np.ndarray
+    scale: np.ndarray
+    fixed: np.ndarray
+    shown: np.ndarray
+
+    def below(self, is_joint: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What every node hangs on.
+
+        Parameters
+        ----------
+        is_joint : (n,) bool array
+            The nodes on which others may hang.
+
+        Returns
+        -------
+        above : (n,) int array
+            The nearest joint among the nodes above; -1 for none.
+        relative : (n, 4, 4) float array
+            Transform relative to it at rest, or relative to the world.
+        """
+        above, relative = np.full(len(self.order), -1), self.local.copy()
+        for node in self.order:
+            parent = self.parent[node]
+            if parent >= 0 and is_joint[parent]:
+                above[node] = parent
+            elif parent >= 0:
+                above[node] = above[parent]
+                relative[node] = relative[parent] @ self.local[node]
+        return above, relative
+
+    def label(self, node: int) -> str:
+        """What errors and notes call a node."""
+        return repr(self.names[node][:80]) if self.names[node] else f"node {node}"
+
+
+def compose(translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Matrices of translations, unit quaternions and scales, applied in reverse.
+
+    Parameters
+    ----------
+    translation, scale : (..., 3) float array
+    rotation : (..., 4) float array
+        Unit quaternions (x, y, z, w).
+
+    Returns
+    -------
+    matrix : (..., 4, 4) float array
+        Acting on column vectors.
+
+    Examples
+    --------
+    >>> compose(np.array([1.0, 2, 3]), np.array([0.0, 0, 1, 0]), np.ones(3))[:3].tolist()
+    [[-1.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]]
+    """
+    x, y, z, w = np.moveaxis(rotation, -1, 0)
+    R = np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], -1),
+            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], -1),
+            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        -2,
+    )
+    matrix = np.zeros((*np.broadcast_shapes(R.shape[:-2], translation.shape[:-1], scale.shape[:-1]), 4, 4))
+    matrix[..., :3, :3] = R * scale[..., None, :]
+    matrix[..., :3, 3] = translation
+    matrix[..., 3, 3] = 1
+    return matrix
+
+
+def unit_quaternions(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Quaternions scaled to length one, and which of them have no length.
+
+    Parameters
+    ----------
+    q : (..., 4) float array
+        Finite, of any length.
+
+    Returns
+    -------
+    unit : (..., 4) float array
+    zero : (...) bool array
+
+    Examples
+    --------
+    >>> unit_quaternions(np.array([[0, 0, 0, 2.0], [0, 0, 0, 0]]))[0].tolist()
+    [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0]]
+    """
+    largest = np.abs(q).max(axis=-1, keepdims=True)
+    zero = largest < 1e-100
+    q = q / np.where(zero, 1.0, largest)
+    return np.where(zero, 0.0, q / np.where(zero, 1.0, np.linalg.norm(q, axis=-1, keepdims=True))), zero[..., 0]
+
+
+def unique_names(names: list[str]) -> list[str]:
+    """Names with a number behind those that stood before.
+
+    Examples
+    --------
+    >>> unique_names(["arm", "arm", "leg", "arm"])
+    ['arm', 'arm.001', 'leg', 'arm.002']
+    """
+    taken: set[str] = set()
+    numbers: dict[str, int] = {}
+    unique = []
+    for name in names:
+        new = name
+        while new in taken:
+            numbers[name] = numbers.get(name, 0) + 1
+            new = f"{name}.{numbers[name]:03d}"
+        taken.add(new)
+        unique.append(new)
+    return unique
+
+
+def read_nodes(file: Document) -> Nodes:
+    """Read the nodes of a file.
+
+    Raises
+    ------
+    FileFormatError
+        If they form no forest, or a transform is not finite or no affine map.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "two.gltf"
+    >>> nodes = '[{"name": "hip", "children": [1]}, {"translation": [0, 2, 0]}]'
+    >>> _ = path.write_text('{"asset": {"version": "2.0"}, "nodes": ' + nodes + "}")
+    >>> read_nodes(Document(path)).world[1, :3, 3].tolist()
+    [0.0, 2.0, 0.0]
+    """
+    entries = file.entries("nodes")
+    n = len(entries)
+    if n > _LIMIT:
+        raise file.error(f"it has {n} nodes; at most {_LIMIT} are read")
+    names = [file.text(entry, "name", f"node {i}") for i, entry in enumerate(entries)]
+    parts = {key: np.tile(default, (n, 1)) for key, default in _AT_REST.items()}
+    matrices = np.zeros((n, 4, 4))
+    fixed = np.zeros(n, dtype=bool)
+    for i, entry in enumerate(entries):
+        for key, values in parts.items():
+            if key in entry:
+                values[i] = file.numbers(entry, key, f"node {i}", values.shape[1])
+        if "matrix" in entry:
+            matrices[i] = np.reshape(file.numbers(entry, "matrix", f"node {i}", 16), (4, 4)).T
+            fixed[i] = True
+    parts["rotation"], zero = unit_quaternions(parts["rotation"])
+    if zero.any():
+        raise file.error(f"node {np.flatnonzero(zero)[0]}: the rotation is zero")
+    local = np.where(fixed[:, None, None], matrices, compose(**parts))
+    if not np.allclose(local[:, 3], [0, 0, 0, 1], rtol=0, atol=1e-5):
+        raise file.error("the last row of a node's matrix is not (0, 0, 0, 1)")
+    local[:, 3] = [0, 0, 0, 1]
+    children = [file.indices(entry, "children", f"node {i}", n) for i, entry in enumerate(entries)]
+    parent = np.full(n, -1)
+    for i, below in enumerate(children):
+        for child in below:
+            if parent[child] >= 0:
+                raise file.error(f"node {child} is a child of node {parent[child]} and of node {i}; nodes form a tree")
+            parent[child] = i
+    order = _reached(children, np.flatnonzero(parent < 0).tolist(), n)
+    if len(order) < n:
+        circle = next(iter(set(range(n)) - set(order)))
+        raise file.error(f"node {circle} is below itself; nodes form a tree")
+    world = local.copy()
+    with np.errstate(over="ignore", invalid="ignore"):
+        for node in order:
+            if parent[node] >= 0:
+                world[node] = world[parent[node]] @ local[node]
+    bad = np.argwhere(~(np.abs(world) < LARGEST))
+    if len(bad):
+        raise file.error(f"the transform of node {bad[0][0]} is out of bounds")
+    shown = np.zeros(n, dtype=bool)
+    shown[_reached(children, _roots(file, n), n)] = True
+    return Nodes(names, parent, order, local, world, **parts, fixed=fixed, shown=shown)
+
+
+def _roots(file: Document, n: int) -> list[int]:
+    """The uppermost nodes of the scene that the file shows: the one it names, else its first, else all."""
+    scenes = file.entries("scenes")
+    if not scenes:
+        return list(range(n))
+    number = file.whole(file.root, "scene", "the file", default=0, below=len(scenes))
+    return file.indices(scenes[number], "nodes", f"scene {number}", n)
+
+
+def _reached(children: list[list[int]], start: list[int], n: int) -> list[int]:
+    """All nodes at and below these, parents before their children, each once."""
+    order: list[int] = []
+    seen = np.zeros(n, dtype=bool)
+    level = start
+    while level:
+        fresh = []
+        for node in level:
+            if not seen[node]:
+                seen[node] = True
+                fresh.append(node)
+        order += fresh
+        level = [child for node in fresh for child in children[node]]
+    return order

@@ -1,0 +1,318 @@
+"""Characters as glTF 2.0 files, which Blender and other viewers open: mesh, skin, weights and animations."""
+
+import base64
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
+from nilbs.geometry.validation import arrays, check_indices
+from nilbs.io.atomic import replacing
+from nilbs.io.errors import check_suffix
+from nilbs.io.gltf_pose import PARTS, Track, quaternions, rest_rotations, track
+from nilbs.io.parts import Clip, Influences, Parts
+
+_TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u2"): 5123, np.dtype("u1"): 5121}
+_KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
+_CORNERS, _INDICES = 34962, 34963  # what a buffer view is for
+_FAR = 8.0  # times its size: a character farther off is written at the origin, below a node that moves it
+
+
+def write_gltf(path: str | os.PathLike, parts: Parts) -> tuple[str, ...]:
+    """Write a mesh, its skeleton, weights and motions as glTF 2.0.
+
+    Parameters
+    ----------
+    path : str or path
+        A `.glb` file, or a `.gltf` file that holds its buffer as base64.
+    parts : Parts
+        A mesh of triangles, a skeleton, or both; a flat one is written with z = 0. Clips must be of this skeleton.
+        Weights that are not positive are left out, rows are scaled to sum to one. Groups and notes are not written.
+
+    Returns
+    -------
+    notes : tuple of str
+        A sentence on everything that the file could not hold as it was.
+
+    Raises
+    ------
+    ValueError
+        If the parts do not fit each other, the mesh has no triangle, or the file name ends in something else.
+    OSError
+        If the file cannot be written.
+
+    Notes
+    -----
+    Positions and motions are in single precision: where the character is far from the origin, all of it hangs on a
+    node that carries the distance, in double precision. A bone's node starts at its first joint with the axes of the
+    world, turned only where its motion stretches it along others. Where a bone ends is written as a node without mesh
+    called "<bone>_end", unless a reader finds the same end among the bone's children.
+
+    A node moves by translation, rotation and scale. This holds every rigid motion and every stretch along a bone's
+    own axes, if these stay the same. Of anything else the closest is written, and the notes say how far off.
+
+    References
+    ----------
+    .. [1] Khronos Group, glTF 2.0 specification, https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from nilbs.io.gltf import read_gltf
+    >>> from nilbs.io.parts import Mesh
+    >>> path = tempfile.mkdtemp() + "/triangle.glb"
+    >>> write_gltf(path, Parts(Mesh(np.eye(3), np.array([[0, 1, 2]]))))
+    ()
+    >>> read_gltf(path).mesh.E
+    array([[0, 1, 2]])
+    """
+    suffix = check_suffix(path, ".glb", ".gltf")
+    mesh, skeleton, influences = parts.mesh, parts.skeleton, parts.influences
+    if mesh is None and skeleton is None:
+        raise ValueError("there is neither a mesh nor a skeleton to write")
+    if skeleton is None and (influences is not None or parts.clips):
+        raise ValueError("weights and clips need a skeleton")
+    if mesh is None and influences is not None:
+        raise ValueError("weights need a mesh")
+    points = [] if skeleton is None else [_lifted(skeleton.C)]
+    if mesh is not None:
+        V, E = arrays(V=(mesh.V, "n d"), E=(mesh.E, "m k", int))
+        if not len(E) or E.shape[1] != 3:
+            raise ValueError(f"a mesh of triangles is needed, E must be (m, 3) with m > 0, got {E.shape}")
+        check_indices("E", E, len(V), "vertices")
+        points.append(_lifted(V))
+    offset, size = _place(np.concatenate(points))
+    output = _Output()
+    notes: list[str] = []
+    above = output.node(name="armature" if skeleton is not None else "place", translation=offset.tolist(), children=[])
+    scene = [above]
+    if mesh is not None:
+        node: dict[str, Any] = {"name": Path(path).stem}
+        attributes = _attributes(output, points[-1] - offset, E)
+        if skeleton is not None and influences is not None:
+            attributes |= _weights(output, influences, len(V), skeleton, notes)
+            node["skin"] = 0
+        corners = E.astype("u2" if len(V) < 65535 else "u4").reshape(-1, 1)
+        indices = output.accessor(corners, target=_INDICES)
+        output.root["meshes"] = [{"name": node["name"], "primitives": [{"attributes": attributes, "indices": indices}]}]
+        number = output.node(**node, mesh=0)
+        # What is skinned does not move with its node, and belongs at the top; else it goes where the joints are.
+        (scene if "skin" in node else output.root["nodes"][above]["children"]).append(number)
+    if skeleton is not None:
+        _write_skeleton(output, above, skeleton, offset, size, parts.clips, notes)
+    output.root["scenes"] = [{"nodes": scene}]
+    with replacing(path) as file:
+        file.write(output.glb() if suffix == ".glb" else output.text())
+    return tuple(notes)
+
+
+class _Output:
+    """The JSON and the buffer of a file as they grow."""
+
+    def __init__(self) -> None:
+        self.root: dict[str, Any] = {"asset": {"version": "2.0", "generator": "nilbs"}, "scene": 0, "scenes": []}
+        self.root |= {"nodes": [], "bufferViews": [], "accessors": []}
+        self._blocks: list[bytes] = []
+        self._size = 0
+
+    def node(self, **entry: Any) -> int:
+        """Add a node; its number."""
+        self.root["nodes"].append(entry)
+        return len(self.root["nodes"]) - 1
+
+    def accessor(self, values: np.ndarray, *, target: int | None = None, bounds: bool = False) -> int:
+        """Add an array (count, width); the number of its accessor."""
+        data = values.astype(values.dtype.newbyteorder("<")).tobytes()
+        view = {"buffer": 0, "byteOffset": self._size, "byteLength": len(data)}
+        self.root["bufferViews"].append(view | ({} if target is None else {"target": target}))
+        self._blocks.append(data + bytes(-len(data) % 4))
+        self._size += len(self._blocks[-1])
+        entry: dict[str, Any] = {"bufferView": len(self.root["bufferViews"]) - 1, "componentType": _TYPES[values.dtype]}
+        entry |= {"count": len(values), "type": _KINDS[values.shape[1]]}
+        if bounds:
+            entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
+        self.root["accessors"].append(entry)
+        return len(self.root["accessors"]) - 1
+
+    def glb(self) -> bytes:
+        """The file with its buffer as a chunk."""
+        self.root["buffers"] = [{"byteLength": self._size}]
+        text = self._json()
+        text += b" " * (-len(text) % 4)
+        chunks = len(text).to_bytes(4, "little") + b"JSON" + text
+        chunks += self._size.to_bytes(4, "little") + b"BIN\0" + b"".join(self._blocks)
+        return b"glTF" + (2).to_bytes(4, "little") + (12 + len(chunks)).to_bytes(4, "little") + chunks
+
+    def text(self) -> bytes:
+        """The file with its buffer as base64."""
+        data = base64.b64encode(b"".join(self._blocks)).decode("ascii")
+        uri = f"data:application/octet-stream;base64,{data}"
+        self.root["buffers"] = [{"byteLength": self._size, "uri": uri}]
+        return self._json()
+
+    def _json(self) -> bytes:
+        # An empty list of children is not allowed.
+        for node in self.root["nodes"]:
+            if node.get("children") == []:
+                del node["children"]
+        return json.dumps(self.root, separators=(",", ":"), allow_nan=False).encode("ascii")
+
+
+def _lifted(x: np.ndarray) -> np.ndarray:
+    return np.pad(x, ((0, 0), (0, 3 - x.shape[1])))
+
+
+def _place(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """Where the character is written from, and its size."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float((high - low).max()) or float(np.abs(high).max()) or 1.0
+    far = np.abs(points).max() > _FAR * size
+    return (0.5 * (low + high) if far else np.zeros(3)), size
+
+
+def _attributes(output: _Output, V: np.ndarray, E: np.ndarray) -> dict[str, int]:
+    """Positions and smooth normals."""
+    facing = np.cross(V[E[:, 1]] - V[E[:, 0]], V[E[:, 2]] - V[E[:, 0]])
+    N = np.stack([np.bincount(E.ravel(), np.repeat(facing[:, c], 3), len(V)) for c in range(3)], axis=1)
+    N = N / np.abs(N).max(initial=1e-300)
+    length = np.linalg.norm(N, axis=1, keepdims=True)
+    N = np.where(length > 1e-30, N / np.where(length > 1e-30, length, 1.0), [0.0, 0.0, 1.0])
+    return {
+        "POSITION": output.accessor(V.astype(np.float32), target=_CORNERS, bounds=True),
+        "NORMAL": output.accessor(N.astype(np.float32), target=_CORNERS),
+    }
+
+
+def _weights(output: _Output, influences: Influences, n: int, skeleton: Skeleton, notes: list[str]) -> dict[str, int]:
+    """Joints and weights in sets of four, as many as the vertex with most of them needs, the largest first."""
+    b = len(skeleton.names)
+    vertex, bone, weight = arrays(
+        vertex=(influences.vertex, "i", int), bone=(influences.bone, "i", int), weight=(influences.weight, "i")
+    )
+    check_indices("influences.vertex", vertex, n, "vertices")
+    check_indices("influences.bone", bone, b, "bones")
+    pairs, where = np.unique(vertex * b + bone, return_inverse=True)
+    weight = np.bincount(where, weight, len(pairs))
+    keep = weight > 0
+    if not keep.all() and (weight < 0).any():
+        notes.append(f"{(weight < 0).sum()} negative weights are left out")
+    vertex, bone, weight = pairs[keep] // b, pairs[keep] % b, weight[keep]
+    bare = np.flatnonzero(np.bincount(vertex, minlength=n) == 0)
+    if len(bare):
+        root = int(np.argmin(skeleton.P))
+        notes.append(f"{len(bare)} vertices have no weight and are given to {skeleton.names[root]!r}")
+        vertex, bone = np.append(vertex, bare), np.append(bone, np.full(len(bare), root))
+        weight = np.append(weight, np.ones(len(bare)))
+    order = np.lexsort((-weight, vertex))
+    vertex, bone, weight = vertex[order], bone[order], weight[order]
+    count = np.bincount(vertex, minlength=n)
+    slot = np.arange(len(vertex)) - np.repeat(np.cumsum(count) - count, count)
+    sets = -(-int(count.max()) // 4)
+    J = np.zeros((n, 4 * sets), dtype=np.uint8 if b <= 256 else np.uint16)
+    W = np.zeros((n, 4 * sets), dtype=np.float32)
+    J[vertex, slot] = bone
+    W[vertex, slot] = weight / np.bincount(vertex, weight, n)[vertex]
+    J[W == 0] = 0
+    attributes = {}
+    for s in range(sets):
+        attributes[f"JOINTS_{s}"] = output.accessor(J[:, 4 * s : 4 * s + 4], target=_CORNERS)
+        attributes[f"WEIGHTS_{s}"] = output.accessor(W[:, 4 * s : 4 * s + 4], target=_CORNERS)
+    return attributes
+
+
+def _write_skeleton(
+    output: _Output,
+    above: int,
+    skeleton: Skeleton,
+    offset: np.ndarray,
+    size: float,
+    clips: tuple[Clip, ...],
+    notes: list[str],
+) -> None:
+    """Joints, their skin and animations, below a node that stands at the offset."""
+    joints = _lifted(skeleton.C)[skeleton.BE[:, 0]] - offset
+    motions = [_motion(clip, skeleton, offset) for clip in clips]
+    Q = rest_rotations(skeleton.P, motions)
+    first = len(output.root["nodes"])
+    for bone, parent in enumerate(skeleton.P.tolist()):
+        turn = Q[bone] if parent < 0 else Q[parent].T @ Q[bone]
+        move = joints[bone] if parent < 0 else Q[parent].T @ (joints[bone] - joints[parent])
+        entry: dict[str, Any] = {"name": skeleton.names[bone], "translation": move.tolist(), "children": []}
+        if not np.array_equal(turn, np.eye(3)):
+            entry["rotation"] = quaternions(turn).tolist()
+        output.node(**entry)
+    nodes = output.root["nodes"]
+    for bone, parent in enumerate(skeleton.P.tolist()):
+        nodes[above if parent < 0 else first + parent]["children"].append(first + bone)
+    for bone, end in _ends(skeleton).items():
+        place = (Q[bone].T @ (end - offset - joints[bone])).tolist()
+        nodes[first + bone]["children"].append(output.node(name=f"{skeleton.names[bone]}_end", translation=place))
+    bind = np.tile(np.eye(4), (len(Q), 1, 1))
+    bind[:, :3, :3] = np.swapaxes(Q, 1, 2)
+    bind[:, :3, 3] = -(bind[:, :3, :3] @ joints[:, :, None])[..., 0]
+    matrices = output.accessor(np.swapaxes(bind, 1, 2).reshape(-1, 16).astype(np.float32))
+    numbers = list(range(first, first + len(Q)))
+    output.root["skins"] = [{"joints": numbers, "inverseBindMatrices": matrices, "skeleton": above}]
+    moves = [track(joints, skeleton.P, Q, B, size=size) for B in motions]
+    # What one clip moves is written for all of them, so that none keeps what another left behind.
+    least = {"translation": 1e-7 * size, "rotation": 1e-7, "scale": 1e-7}
+    used = {(b, part) for part in PARTS for m in moves for b in np.flatnonzero(m.moved[part] > least[part]).tolist()}
+    for clip, move in zip(clips, moves, strict=True):
+        worst = int(np.argmax(move.off.max(axis=0, initial=0)))
+        off = float(move.off[:, worst].max(initial=0)) / size
+        if off > 1e-5:
+            notes.append(
+                f"clip {clip.name!r} shears bones, which glTF cannot say: {skeleton.names[worst]!r} is off by up to "
+                f"{100 * off:.2g} % of the size"
+            )
+        _write_animation(output, clip, move, sorted(used) or [(0, "rotation")], first, notes)
+
+
+def _ends(skeleton: Skeleton) -> dict[int, np.ndarray]:
+    """Ends of bones that a reader would place elsewhere."""
+    C = _lifted(skeleton.C)
+    read = skeleton_of_joints(C[skeleton.BE[:, 0]], skeleton.P, skeleton.names)
+    other = (read.C[read.BE[:, 1]] != C[skeleton.BE[:, 1]]).any(axis=1) & (skeleton.BE[:, 0] != skeleton.BE[:, 1])
+    return {bone: C[skeleton.BE[bone, 1]] for bone in np.flatnonzero(other).tolist()}
+
+
+def _motion(clip: Clip, skeleton: Skeleton, offset: np.ndarray) -> np.ndarray:
+    """A clip's transforms, of a character that stands at the origin where it stood at the offset."""
+    b = len(skeleton.names)
+    _, B = arrays(times=(clip.times, "t"), B=(clip.B, f"t {b} 4 4"))
+    theirs, ours = (_lifted(s.C)[s.BE[:, 0]] for s in (clip.skeleton, skeleton))
+    if clip.skeleton.names != skeleton.names or not np.allclose(theirs, ours, rtol=1e-6, atol=1e-6 * np.ptp(ours)):
+        raise ValueError(f"clip {clip.name!r} belongs to another skeleton: map it onto this one first")
+    if not np.allclose(B[..., 3, :], [0, 0, 0, 1], rtol=0, atol=1e-9):
+        raise ValueError(f"clip {clip.name!r}: the last row of every transform must be (0, 0, 0, 1)")
+    B = B.copy()
+    B[..., :3, 3] += (B[..., :3, :3] @ offset) - offset
+    return B
+
+
+def _write_animation(
+    output: _Output, clip: Clip, move: Track, used: list[tuple[int, str]], first: int, notes: list[str]
+) -> None:
+    """Write one animation, of the parts of bones that are used."""
+    if not len(clip.times):
+        notes.append(f"clip {clip.name!r} has no frame and is left out")
+        return
+    early = min(float(clip.times[0]), 0.0)
+    if early < 0:
+        notes.append(f"clip {clip.name!r} starts at {early:.6g} s and is moved to 0 s")
+    times = (clip.times - early).astype(np.float32)
+    keep = np.append(np.diff(times) > 0, True)
+    if not keep.all():
+        notes.append(f"clip {clip.name!r}: of frames at the same time only the last is kept")
+    clock = output.accessor(times[keep, None], bounds=True)
+    channels: list[dict[str, Any]] = []
+    samplers: list[dict[str, Any]] = []
+    for bone, part in used:
+        values = output.accessor(move.parts[part][keep, bone].astype(np.float32))
+        channels.append({"sampler": len(samplers), "target": {"node": first + bone, "path": part}})
+        samplers.append({"input": clock, "output": values, "interpolation": "LINEAR"})
+    animation = {"name": clip.name, "channels": channels, "samplers": samplers}
+    output.root.setdefault("animations", []).append(animation)
