@@ -22,7 +22,7 @@ WHOLE = (".glb", ".gltf", ".fbx")  # mesh, skeleton, painted weights and motions
 WEIGHTS = (".dmat", ".npz", ".mhw")
 MOTIONS = (".dmat", ".json", ".bvh", *WHOLE)
 READABLE = tuple(dict.fromkeys(MESHES + RIGS + WHOLE + WEIGHTS + MOTIONS))
-WRITABLE = (".obj", ".ply", ".glb", ".txt", ".tgf", ".dmat", ".npz", ".bvh", ".json")
+WRITABLE = (".obj", ".ply", ".glb", ".txt", ".tgf", ".dmat", ".npz", ".bvh")
 
 _WEIGHTS_TOLERANCE = 0.1  # of the median row's sum from one
 
