@@ -15,8 +15,9 @@ from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
 from nilbs.io.joints import first_joints, skeleton_with_ends, written_ends
+from nilbs.io.names import text_of, unique_names, written_names
 from nilbs.io.parts import Clip, Parts
-from nilbs.io.words import finite_numbers, text_of, unique_names, written_names
+from nilbs.io.words import finite_numbers
 
 _CHANNEL = re.compile(rb"([xyz])(position|rotation)", re.IGNORECASE)
 _SIZE = re.compile(rb"[0-6]")
@@ -225,9 +226,10 @@ def _hierarchy(path: str | os.PathLike, lines: Lines) -> list[_Joint]:
                 opened.append(len(joints))
                 joints.append(_Joint(text_of(name), -1 if inner is None else inner, number))
         elif kind == b"offset" and inner is not None:
-            offset = finite_numbers(take(3))
-            if offset is None or len(offset) < 3:
-                raise FileFormatError(path, "OFFSET needs three finite numbers", number)
+            numbers = take(3)
+            if len(numbers) < 3:
+                raise FileFormatError(path, "OFFSET needs three numbers", number)
+            offset = finite_numbers(path, numbers, [number])[0]
             if inner == -1:
                 joints[opened[-2]].end = offset
             else:
@@ -262,39 +264,33 @@ def _motion(path: str | os.PathLike, lines: Lines, joints: int, channels: int) -
         raise FileFormatError(path, 'a line "Frames: NUMBER" must follow MOTION', number)
     number, line = next(full, (number, b""))
     frame_time = _FRAME_TIME.fullmatch(line)
-    seconds = finite_numbers([frame_time[1]]) if frame_time else None
-    if seconds is None or seconds[0] < 0:
+    seconds = finite_numbers(path, [frame_time[1]], [number or 0])[0, 0] if frame_time else -1.0
+    if seconds < 0:
         raise FileFormatError(path, 'a line "Frame Time: SECONDS" must follow the number of frames', number)
     t = int(frames[1])
     blocks = [np.zeros((0, channels))]
-    rows: list[tuple[int, list[bytes]]] = []
+    words: list[bytes] = []
+    at: list[int] = []  # lines of the words
     read = 0
     for number, line in full:
-        words = line.split(maxsplit=channels)
+        row = line.split(maxsplit=channels)
         if read == t:
             raise FileFormatError(path, f"the motion goes on after its {t} frames", number)
-        if len(words) != channels:
+        if len(row) != channels:
             raise FileFormatError(path, f"a frame has {channels} numbers, one for every channel", number)
-        rows.append((number, words))
+        words += row
+        at.append(number)
         read += 1
-        if len(rows) * channels > _BLOCK:
-            blocks.append(_numbers(path, rows))
-            rows = []
+        if len(words) > _BLOCK:
+            blocks.append(finite_numbers(path, words, at))
+            words, at = [], []
     if read < t:
         raise FileFormatError(path, f"the motion ends after {read} of {t} frames", number)
-    if rows:
-        blocks.append(_numbers(path, rows))
+    if words:
+        blocks.append(finite_numbers(path, words, at))
     if t * joints > max(t * channels, _POSES):
         raise FileFormatError(path, f"{t} frames of {joints} joints, of which hardly any has a channel", number)
-    return float(seconds[0]), np.concatenate(blocks)
-
-
-def _numbers(path: str | os.PathLike, rows: list[tuple[int, list[bytes]]]) -> np.ndarray:
-    values = finite_numbers([word for _, words in rows for word in words])
-    if values is None:
-        number = next(number for number, words in rows if finite_numbers(words) is None)
-        raise FileFormatError(path, "a frame holds something that is no finite number", number)
-    return values.reshape(len(rows), -1)
+    return float(seconds), np.concatenate(blocks)
 
 
 def _transforms(joints: list[_Joint], motion: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, bool]:

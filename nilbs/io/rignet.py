@@ -11,8 +11,9 @@ from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
 from nilbs.io.joints import first_joints, joint_in_circle, skeleton_with_ends, written_ends
+from nilbs.io.names import listed, text_of, unique_names, written_names
 from nilbs.io.parts import Influences, Parts
-from nilbs.io.words import finite_numbers, listed, text_of, unique_names, written_names
+from nilbs.io.words import finite_numbers
 
 _INDEX = re.compile(rb"\d{1,18}")
 _END = "_end"
@@ -75,21 +76,19 @@ def read_rignet(path: str | os.PathLike) -> Parts:
             kind = words[0] if words else b""
             if kind == b"skin":
                 pairs = len(words) // 2 - 1
-                values = finite_numbers(words[3::2])
-                if len(words) % 2 or not _INDEX.fullmatch(words[1]) or values is None:
+                if len(words) % 2 or not _INDEX.fullmatch(words[1]):
                     message = "skin needs a vertex (from 0), then for each of its joints a name and a weight"
                     raise FileFormatError(path, message, number)
                 vertex += [int(words[1])] * pairs
                 bone += [name_id(name, number) for name in words[2::2]]
-                weight += values.tolist()
+                weight += finite_numbers(path, words[3::2], [number])[0].tolist()
             elif kind == b"joints":
-                position = finite_numbers(words[2:])
-                if len(words) != 5 or position is None:
-                    raise FileFormatError(path, "joints needs a name without spaces and three finite numbers", number)
+                if len(words) != 5:
+                    raise FileFormatError(path, "joints needs a name without spaces and three numbers", number)
                 if words[1] in joints:
                     raise FileFormatError(path, f"a second joint {_quoted(words[1])}", number)
                 joints[words[1]] = len(joints)
-                positions.append(position)
+                positions.append(finite_numbers(path, words[2:], [number])[0])
             elif kind == b"hier":
                 if len(words) != 3:
                     raise FileFormatError(path, "hier needs a parent and its child", number)
