@@ -147,7 +147,15 @@ def _objective(
         rest, random_poses = surface_samples(V, character.W), None
     else:
         rest = volume_samples(
-            V, character.F, V_volume, character.T, character.W_volume, n=200_000, shell=settings.shell, rng=rng
+            V,
+            character.F,
+            character.W,
+            V_volume,
+            character.T,
+            character.W_volume,
+            n=200_000,
+            shell=settings.shell,
+            rng=rng,
         )
         random_poses = RandomPoses(C, character.BE, character.P, settings.random_pose_std)
     return NilbsObjective(

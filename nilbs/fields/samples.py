@@ -7,6 +7,7 @@ import numpy as np
 
 from nilbs.geometry.facets import facet_normals
 from nilbs.geometry.grids import Grid
+from nilbs.geometry.interpolation import facet_values
 from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.sampling import element_samples, facet_samples, near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
@@ -96,6 +97,7 @@ def surface_samples(V: np.ndarray, W: np.ndarray) -> RestSamples:
 def volume_samples(
     V: np.ndarray,
     F: np.ndarray,
+    W: np.ndarray,
     V_volume: np.ndarray,
     T: np.ndarray,
     W_volume: np.ndarray,
@@ -108,11 +110,10 @@ def volume_samples(
 
     Parameters
     ----------
-    V, F : arrays
-        Rest surface, (k, d) and (m, d).
+    V, F, W : arrays
+        Rest surface and its weights, (k, d), (m, d) and (k, b).
     V_volume, T, W_volume : arrays
-        Volume mesh and its weights, (k', d), (t, d+1) and (k', b); the surface's vertices come first. Where T is empty
-        all points are taken from the shell.
+        Volume mesh and its weights, (k', d), (t, d+1) and (k', b).
     n : int
         How many points.
     shell : float
@@ -125,26 +126,12 @@ def volume_samples(
     -------
     samples : RestSamples
     """
-    solid = n // 2 if len(T) else 0
+    solid = n // 2
     base, facet = facet_samples(V, F, n - solid, rng=rng)
-    W_shell = _at_facets(V, F, W_volume, base, facet)
+    W_shell = facet_values(V, F, W, base, facet)
     shell_points = base + shell * rng.standard_normal((n - solid, 1)) * facet_normals(V, F)[facet]
-    if not solid:
-        return RestSamples(shell_points.astype(np.float32), W_shell.astype(np.float32))
     x, element, barycentric = element_samples(V_volume, T, solid, rng=rng)
-    W = np.einsum("nc,ncb->nb", barycentric, W_volume[T[element]])
+    W_solid = np.einsum("nc,ncb->nb", barycentric, W_volume[T[element]])
     return RestSamples(
-        np.concatenate([x, shell_points]).astype(np.float32), np.concatenate([W, W_shell]).astype(np.float32)
+        np.concatenate([x, shell_points]).astype(np.float32), np.concatenate([W_solid, W_shell]).astype(np.float32)
     )
-
-
-def _at_facets(V: np.ndarray, F: np.ndarray, W: np.ndarray, x: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """Weights of points on facets, by least-squares barycentric coordinates."""
-    corners = V[F[facet]]
-    edges = corners[:, 1:] - corners[:, :1]
-    gram = edges @ edges.transpose(0, 2, 1)
-    # A facet without area has any coordinates; the small diagonal picks one instead of failing.
-    gram += 1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1]) + 1e-300
-    rest = np.linalg.solve(gram, edges @ (x - corners[:, 0])[:, :, None])[:, :, 0]
-    barycentric = np.concatenate([1 - rest.sum(axis=1, keepdims=True), rest], axis=1)
-    return np.einsum("nc,ncb->nb", barycentric, W[F[facet]])

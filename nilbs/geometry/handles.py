@@ -1,75 +1,147 @@
 """Bones as handles: the points that hold a volume mesh, and the weights that are known there."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.validation import arrays
 
 
-def bone_samples(C: np.ndarray, BE: np.ndarray, n: int) -> np.ndarray:
-    """Evenly spaced points of bones.
+@dataclass(frozen=True)
+class BoneConditions:
+    """Known weights of a volume mesh.
+
+    Attributes
+    ----------
+    fixed : (f,) int array
+        Vertices whose weights are known, ascending.
+    W_fixed : (f, b) float array
+        Rows on the simplex: bones that hold one vertex share it equally.
+    outside : (o,) int array
+        Bones without a place inside, which hold the nearest vertices instead.
+    away : (a,) int array
+        Bones further outside than the reach, which hold nothing.
+    """
+
+    fixed: np.ndarray
+    W_fixed: np.ndarray
+    outside: np.ndarray
+    away: np.ndarray
+
+
+def bone_points(skeleton: Skeleton, *, spacing: float, most: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    """Evenly spaced points of bones, and of their forks.
 
     Parameters
     ----------
-    C : (k, d) float array
-        Joints.
-    BE : (b, 2) int array
-        Bones, indices into C.
-    n : int
-        Points on each bone strictly between its joints.
+    skeleton : Skeleton
+    spacing : float
+        Wanted distance between points, in mesh units.
+    most : int
+        The most points on one segment strictly between its joints.
 
     Returns
     -------
-    x : (k' + b n, d) float array
-        Every joint that a bone uses, once, then the points between, bone by bone.
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree or BE indexes a joint that does not exist.
+    x : (s, d) float array
+        Points of every segment, its two joints first and exactly.
+    bone : (s,) int array
+        The bone of each.
 
     Examples
     --------
-    >>> bone_samples([[0, 0], [1, 0]], [[0, 1]], 1)
-    array([[0. , 0. ],
-           [1. , 0. ],
-           [0.5, 0. ]])
+    >>> x, bone = bone_points(Skeleton([[0, 0], [1, 0]], [[0, 1]], [-1], ["arm"]), spacing=0.5)
+    >>> x.tolist(), bone.tolist()
+    ([[0.0, 0.0], [1.0, 0.0], [0.5, 0.0]], [0, 0, 0])
     """
-    C, BE = arrays(C=(C, "k d"), BE=(BE, "b 2", int))
-    check_indices("BE", BE, len(C), "joints")
-    s = (np.arange(1, n + 1) / (n + 1))[:, None]
-    between = (1 - s) * C[BE[:, :1]] + s * C[BE[:, 1:]]
-    return np.concatenate([C[np.unique(BE)], between.reshape(-1, C.shape[1])])
+    ends, bone = skeleton.segments()
+    first, last = skeleton.C[ends[:, 0]], skeleton.C[ends[:, 1]]
+    length = np.linalg.norm(last - first, axis=1)
+    between = np.clip(np.ceil(length / spacing) - 1, 0, most).astype(np.int64)
+    segment = np.repeat(np.arange(len(ends)), between)
+    step = np.arange(len(segment)) - np.repeat(np.cumsum(between) - between, between) + 1
+    s = (step / (between[segment] + 1))[:, None]
+    inner = (1 - s) * first[segment] + s * last[segment]
+    return np.concatenate([first, last, inner]), np.concatenate([bone, bone, bone[segment]])
 
 
-def bone_conditions(V: np.ndarray, C: np.ndarray, BE: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices that lie on bones, and the weights that they hold.
+def distinct_points(x: np.ndarray, tolerance: float) -> np.ndarray:
+    """Which points to keep so that no two are nearer than a tolerance and none lost is further from a kept one.
+
+    Parameters
+    ----------
+    x : (s, d) float array
+        Points; earlier ones are kept before later ones.
+    tolerance : float
+        In mesh units.
+
+    Returns
+    -------
+    kept : (k,) int array
+        Ascending.
+
+    Examples
+    --------
+    >>> distinct_points([[0, 0], [0.1, 0], [0.3, 0]], 0.2)
+    array([0, 2])
+    """
+    from scipy.spatial import cKDTree
+
+    (x,) = arrays(x=(x, "s d"))
+    keep = np.ones(len(x), dtype=bool)
+    for i, near in enumerate(cKDTree(x).query_ball_point(x, tolerance) if len(x) else ()):
+        if keep[i]:
+            keep[near] = False
+            keep[i] = True
+    return np.flatnonzero(keep)
+
+
+def bone_conditions(
+    V: np.ndarray,
+    vertices: np.ndarray,
+    x: np.ndarray,
+    bone: np.ndarray,
+    inside: np.ndarray,
+    *,
+    bones: int,
+    snap: float,
+    reach: float,
+) -> BoneConditions:
+    """Vertices that bones hold, and the weights there.
 
     Parameters
     ----------
     V : (n, d) float array
-        Vertices of a volume mesh that conforms to the bones.
-    C : (k, d) float array
-        Joints.
-    BE : (b, 2) int array
-        Bones, indices into C.
+        Vertices of a volume mesh.
+    vertices : (u,) int array
+        Those of them that may be held.
+    x : (s, d) float array
+        Points of bones.
+    bone : (s,) int array
+        The bone of each.
+    inside : (s,) bool array
+        Whether each lies inside the volume.
+    bones : int
+        How many bones there are.
+    snap : float
+        A point inside holds the nearest vertex if that is no further, in mesh units.
+    reach : float
+        A bone that holds no vertex so takes the nearest one, or those that are nearly as near, up to this distance.
 
     Returns
     -------
-    fixed : (f,) int array
-        Vertices on bones, ascending.
-    W_fixed : (f, b) float array
-        One for the bone that a vertex lies on; at a joint the bones that meet there share it equally.
+    conditions : BoneConditions
 
     Raises
     ------
     ValueError
-        If a bone holds no vertex that it owns at least half of: it lies outside the mesh, or has no length, or another
-        bone lies on top of it.
+        If the sizes disagree.
 
     Notes
     -----
-    The conditions of section 3 of [1]_ for bones. The tolerance is relative to the size of V, so the answer does not
-    depend on the unit.
+    The conditions of section 3 of [1]_ for bones, for rigs as they are: bones on top of each other share what they
+    hold, and a bone outside takes what is nearest.
 
     References
     ----------
@@ -78,25 +150,38 @@ def bone_conditions(V: np.ndarray, C: np.ndarray, BE: np.ndarray) -> tuple[np.nd
 
     Examples
     --------
-    >>> fixed, W_fixed = bone_conditions([[0, 0], [1, 0], [2, 0], [1, 1]], [[0, 0], [1, 0], [2, 0]], [[0, 1], [1, 2]])
-    >>> fixed.tolist(), W_fixed.tolist()
+    >>> V, x = [[0, 0], [1, 0], [2, 0], [1, 1]], [[0, 0], [1, 0], [1, 0], [2, 0]]
+    >>> known = bone_conditions(V, [0, 1, 2, 3], x, [0, 0, 1, 1], np.ones(4, bool), bones=2, snap=0.1, reach=1)
+    >>> known.fixed.tolist(), known.W_fixed.tolist()
     ([0, 1, 2], [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
     """
-    V, C, BE = arrays(V=(V, "n d"), C=(C, "k d"), BE=(BE, "b 2", int))
-    check_indices("BE", BE, len(C), "joints")
-    tolerance = 1e-7 * float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
-    on = np.zeros((len(V), len(BE)), dtype=bool)
-    for bone, (first, second) in enumerate(C[BE]):
-        axis = second - first
-        s = np.clip((V - first) @ axis / max(float(axis @ axis), 1e-300), 0, 1)
-        on[:, bone] = np.linalg.norm(first + s[:, None] * axis - V, axis=1) <= tolerance
-    fixed = np.flatnonzero(on.any(axis=1))
-    W_fixed = on[fixed] / on[fixed].sum(axis=1, keepdims=True)
-    weak = np.flatnonzero(W_fixed.max(axis=0, initial=0) < 0.5)
-    if len(weak):
-        bone = int(weak[0])
-        raise ValueError(
-            f"bone {bone} (joints {BE[bone, 0]} and {BE[bone, 1]}) holds no vertex of the volume mesh: "
-            "it lies outside the mesh or on top of another bone; move the joints inside or remove the bone"
-        )
-    return fixed, W_fixed
+    from scipy.spatial import cKDTree
+
+    V, vertices = arrays(V=(V, "n d"), vertices=(vertices, "u", int))
+    x, bone = arrays(x=(x, "s d"), bone=(bone, "s", int))
+    distance, nearest = cKDTree(V[vertices]).query(x)
+    held = inside & (distance <= snap)
+    without = np.ones(bones, dtype=bool)
+    without[bone[held]] = False
+    closest = np.full(bones, np.inf)
+    np.minimum.at(closest, bone, distance)
+    away = without & ~(closest <= reach)
+    # Of a bone along the skin outside, all places that are about as near as the nearest.
+    held |= (without & ~away)[bone] & (distance <= 1.5 * closest[bone] + snap)
+    pairs = np.unique(np.stack([vertices[nearest[held]], bone[held]], axis=1), axis=0)
+    fixed, row, count = np.unique(pairs[:, 0], return_inverse=True, return_counts=True)
+    W_fixed = np.zeros((len(fixed), bones))
+    W_fixed[row, pairs[:, 1]] = 1 / count[row]
+    return BoneConditions(fixed, W_fixed, np.flatnonzero(without & ~away), np.flatnonzero(away))
+
+
+def described(bones: Sequence[int] | np.ndarray, names: Sequence[str], *, most: int = 5) -> str:
+    """Names of bones for a sentence: the first few, and how many more.
+
+    Examples
+    --------
+    >>> described([0, 2], ["hip", "knee", "toe"])
+    'hip, toe'
+    """
+    listed = ", ".join(names[bone] for bone in bones[:most])
+    return listed + (f" and {len(bones) - most} more" if len(bones) > most else "")

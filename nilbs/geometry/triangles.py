@@ -2,15 +2,14 @@
 
 import numpy as np
 
-from nilbs.geometry.handles import bone_samples
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import element_volumes
 
 
 def conforming_triangles(
-    V: np.ndarray, T: np.ndarray, C: np.ndarray, BE: np.ndarray, *, samples_per_bone: int = 10, spacing: float = 0.02
+    V: np.ndarray, T: np.ndarray, points: np.ndarray, *, spacing: float = 0.02
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refine a flat mesh so that it has vertices on the bones and no large triangles inside.
+    """Refine a flat mesh so that it has vertices at given points and no large triangles inside.
 
     Parameters
     ----------
@@ -18,12 +17,8 @@ def conforming_triangles(
         Vertices.
     T : (t, 3) int array
         Triangles; their outline is kept edge by edge.
-    C : (k, 2) float array
-        Joints.
-    BE : (b, 2) int array
-        Bones, indices into C.
-    samples_per_bone : int
-        Vertices put on each bone besides its two joints.
+    points : (s, 2) float array
+        Places that become vertices; those that lie outside are left out.
     spacing : float
         Distance between vertices that are added inside, as a fraction of the bounding box's diagonal; a mesh that is
         finer already gets none.
@@ -43,8 +38,7 @@ def conforming_triangles(
     Notes
     -----
     Lawson's incremental insertion [1]_: a point splits the triangle or edge that it lies in, and edges are flipped
-    until no triangle's circumcircle holds its neighbour's far vertex. Flips never touch the outline. Points of bones
-    that lie outside are left out.
+    until no triangle's circumcircle holds its neighbour's far vertex. Flips never touch the outline.
 
     References
     ----------
@@ -53,13 +47,11 @@ def conforming_triangles(
     Examples
     --------
     >>> V, T = [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
-    >>> V2, T2 = conforming_triangles(V, T, [[0.2, 0.5], [0.8, 0.5]], [[0, 1]], spacing=0.5)
+    >>> V2, T2 = conforming_triangles(V, T, [[0.2, 0.5], [0.8, 0.5]], spacing=0.5)
     >>> float(element_volumes(V2, T2).sum().round(12))
     1.0
     """
-    V, T = arrays(V=(V, "n 2"), T=(T, "t 3", int))
-    C, BE = arrays(C=(C, "k 2"), BE=(BE, "b 2", int))
-    check_indices("BE", BE, len(C), "joints")
+    V, T, points = arrays(V=(V, "n 2"), T=(T, "t 3", int), points=(points, "s 2"))
     area = element_volumes(V, T)
     size = float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
     T = np.where((area < 0)[:, None], T[:, [0, 2, 1]], T)[np.abs(area) > 1e-14 * size**2]
@@ -67,7 +59,7 @@ def conforming_triangles(
         return V.copy(), T
     mesh = _Triangulation(V, T, tolerance=1e-9 * size)
     mesh.flip_all()
-    for point in bone_samples(C, BE, samples_per_bone):
+    for point in points:
         mesh.insert(point)
     step = spacing * size
     if step > 0:

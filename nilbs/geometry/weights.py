@@ -90,20 +90,20 @@ def bounded_biharmonic_weights(
         raise ValueError("fixed names a vertex twice")
     if len(W_fixed) and (W_fixed.min() < -1e-9 or np.abs(W_fixed.sum(axis=1) - 1).max() > 1e-9):
         raise ValueError("rows of W_fixed must be non-negative and sum to one")
-    used = np.unique(T)
+    used, T = _compact(T, len(V))
     # A vertex without an element (a surface vertex twice in the file) has its weights but holds nothing.
     holds = np.isin(fixed, used)
     lost = np.flatnonzero((W_fixed.max(axis=0, initial=0) > 0) & (W_fixed[holds].max(axis=0, initial=0) <= 0))
     if len(lost):
         raise ValueError(f"bone {lost[0]} is held only by vertices that belong to no element")
-    place = np.full(len(V), -1)
-    place[used] = np.arange(len(used))
-    K, mass = _energy_matrix(V[used], place[T])
-    _check_every_part_is_held(K, place[fixed[holds]], used)
+    x, _ = _unit(V[used])
+    K, mass = _energy_matrix(x, T)
+    held = np.searchsorted(used, fixed[holds])
+    _check_every_part_is_held(K, held, used)
     if method == "igl":
-        W_used = _bone_by_bone(V[used], place[T], place[fixed[holds]], W_fixed[holds])
+        W_used = _bone_by_bone(x, T, held, W_fixed[holds])
     elif method == "joint":
-        W_used = _joint(V[used], K, mass, place[fixed[holds]], W_fixed[holds], iterations, progress)
+        W_used = _joint(K, mass, held, W_fixed[holds], iterations, progress)
     else:
         raise ValueError(f"method must be 'joint' or 'igl', got {method!r}")
     W = _nearest_rows(V, used, W_used)
@@ -140,11 +140,10 @@ def biharmonic_energy(V: np.ndarray, T: np.ndarray, W: np.ndarray) -> float:
     """
     V, T, W = arrays(V=(V, "n d"), T=(T, "t d+1", int), W=(W, "n b"))
     check_indices("T", T, len(V), "vertices")
-    used = np.unique(T)
-    place = np.full(len(V), -1)
-    place[used] = np.arange(len(used))
-    K, _ = _energy_matrix(V[used], place[T])
-    return float(0.5 * np.einsum("ij,ij->", W[used], K @ W[used]))
+    used, T = _compact(T, len(V))
+    x, size = _unit(V[used])
+    K, _ = _energy_matrix(x, T)
+    return float(0.5 * np.einsum("ij,ij->", W[used], K @ W[used])) * size ** (V.shape[1] - 4)
 
 
 def extend_weights(V: np.ndarray, T: np.ndarray, W_known: np.ndarray) -> np.ndarray:
@@ -186,13 +185,11 @@ def extend_weights(V: np.ndarray, T: np.ndarray, W_known: np.ndarray) -> np.ndar
     check_indices("T", T, len(V), "vertices")
     if len(W_known) > len(V):
         raise ValueError(f"W_known has {len(W_known)} rows, more than the {len(V)} vertices")
-    used = np.unique(T)
-    place = np.full(len(V), -1)
-    place[used] = np.arange(len(used))
-    known = used[used < len(W_known)]
+    used, T = _compact(T, len(V))
+    known = np.flatnonzero(used < len(W_known))
     solved = np.zeros((len(used), W_known.shape[1]))
     if len(known):
-        solved = igl.harmonic(V[used], place[T], place[known], W_known[known], 1)
+        solved = igl.harmonic(_unit(V[used])[0], T, known, W_known[used[known]], 1)
     W = _nearest_rows(V, used, simplex_projection(solved))
     W[: len(W_known)] = W_known
     return W
@@ -235,6 +232,20 @@ def _simplex(W: np.ndarray) -> np.ndarray:
     return np.maximum(W - shift[:, None], 0)
 
 
+def _compact(T: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices that elements use, ascending, and the elements as indices into those."""
+    used = np.unique(T)
+    place = np.full(n, -1)
+    place[used] = np.arange(len(used))
+    return used, place[T]
+
+
+def _unit(V: np.ndarray) -> tuple[np.ndarray, float]:
+    """Vertices around the origin with a diagonal of one, and the diagonal: no answer depends on the mesh's unit."""
+    size = float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
+    return ((V - (V.min(axis=0) + V.max(axis=0)) / 2) / size, size) if size > 0 else (V, 1.0)
+
+
 def _energy_matrix(V: np.ndarray, T: np.ndarray) -> tuple[sparse.csc_matrix, np.ndarray]:
     import igl
 
@@ -265,7 +276,6 @@ def _bone_by_bone(V: np.ndarray, T: np.ndarray, fixed: np.ndarray, W_fixed: np.n
 
 
 def _joint(
-    V: np.ndarray,
     K: sparse.csc_matrix,
     mass: np.ndarray,
     fixed: np.ndarray,
@@ -275,14 +285,11 @@ def _joint(
 ) -> np.ndarray:
     from tqdm import tqdm
 
-    (n, d), b = V.shape, W_fixed.shape[1]
+    n, b = K.shape[0], W_fixed.shape[1]
     if len(fixed) == n or b == 1:
         W = np.ones((n, b))
         W[fixed] = W_fixed
         return W
-    # Taking lengths in units of the domain's diagonal makes the penalties free of the mesh's unit.
-    unit = float(np.linalg.norm(np.ptp(V, axis=0)))
-    K, mass = K * unit ** (4 - d), mass / unit**d
     zero = np.zeros((n, b))
     Z = _simplex(_Quadratic(K, fixed).minimum(zero, W_fixed))
     Z[fixed] = W_fixed

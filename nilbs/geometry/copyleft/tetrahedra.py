@@ -7,15 +7,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from nilbs.geometry.handles import bone_samples
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import element_volumes
 
 
-def conforming_tetrahedra(
-    V: np.ndarray, F: np.ndarray, C: np.ndarray, BE: np.ndarray, *, samples_per_bone: int = 10
-) -> tuple[np.ndarray, np.ndarray]:
-    """Fill a closed surface with tetrahedra that have vertices on the bones.
+def conforming_tetrahedra(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fill a closed surface with tetrahedra that have vertices at given points.
 
     Parameters
     ----------
@@ -23,17 +20,13 @@ def conforming_tetrahedra(
         Surface vertices.
     F : (m, 3) int array
         Triangles of a closed surface without self-intersections.
-    C : (k, 3) float array
-        Joints.
-    BE : (b, 2) int array
-        Bones, indices into C.
-    samples_per_bone : int
-        Vertices put on each bone besides its two joints.
+    points : (s, 3) float array
+        Places inside, apart from each other, that become vertices.
 
     Returns
     -------
     V_volume : (n', 3) float array
-        The given vertices first, in their order.
+        The given vertices first, in their order, then the points.
     T : (t, 4) int array
         Positively oriented tetrahedra.
 
@@ -54,25 +47,24 @@ def conforming_tetrahedra(
     --------
     >>> V = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     >>> F = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
-    >>> V2, T = conforming_tetrahedra(V, F, [[0.1, 0.1, 0.1], [0.3, 0.1, 0.1]], [[0, 1]])
+    >>> V2, T = conforming_tetrahedra(V, F, [[0.1, 0.1, 0.1], [0.3, 0.1, 0.1]])
     >>> float((element_volumes(V2, T).sum() * 6).round(9))
     1.0
     """
     from igl.copyleft import tetgen
 
-    V, F = arrays(V=(V, "n 3"), F=(F, "m 3", int))
-    C, BE = arrays(C=(C, "k 3"), BE=(BE, "b 2", int))
+    V, F, points = arrays(V=(V, "n 3"), F=(F, "m 3", int), points=(points, "s 3"))
     check_indices("F", F, len(V), "vertices")
     # TetGen's tolerances are absolute, so it is given a copy of the size one around the origin.
     size = float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
     if not size > 0 or not len(F):
         raise ValueError("the surface has no extent, so there is nothing to fill with tetrahedra")
     center = (V.min(axis=0) + V.max(axis=0)) / 2
-    points = np.concatenate([V, bone_samples(C, BE, samples_per_bone)])
+    given = (np.concatenate([V, points]) - center) / size
     try:
         # Where TetGen gives up it leaves files in the working folder and writes past Python to standard error.
         with TemporaryDirectory() as folder, chdir(folder), _silent_stderr():
-            V_volume, T = tetgen.tetrahedralize((points - center) / size, F, flags="pq2YQ")[:2]
+            V_volume, T = tetgen.tetrahedralize(given, F, flags="pq2YQ")[:2]
     except RuntimeError as error:
         raise ValueError(
             f"TetGen could not fill the surface with tetrahedra ({error}): it must be closed and must not cross itself"

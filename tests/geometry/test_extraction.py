@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from nilbs.fields.extraction import field_surface, node_levels
+from nilbs.geometry.extraction import field_surface, node_levels
 from nilbs.fields.mesh_lbs import MeshLbs
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.metrics import surface_scores

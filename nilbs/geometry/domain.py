@@ -1,0 +1,243 @@
+"""The volume in which weights are solved: the mesh's own inside where it is a clean solid, else one wrapped around it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from nilbs.geometry.diagnosis import solid_defects
+from nilbs.geometry.distance import closest_points
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.orientation import coherent_orientation
+from nilbs.geometry.triangles import conforming_triangles
+from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.volume import boundary_facets, element_volumes
+from nilbs.geometry.wrap import wrap, wrapping_surface
+
+# Weights are smooth, so a volume of some ten thousand vertices tells them; factorising grows with the square of that.
+SURFACE_LIMIT = 10_000  # vertices; a surface with more is decimated
+DECIMATED = 14_000  # facets
+RESOLUTION = 192  # cells of a wrap along its longest edge
+BLOCKS = 56  # cells along the longest edge of the blocks that stand in where nothing finer can be filled
+WELD = 1e-7  # of the diagonal: vertices that are nearer are one
+MARGIN = 1e-3  # of the diagonal: a point of a bone this near to the skin, or to another point, is not put in
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A volume mesh to solve weights in.
+
+    Attributes
+    ----------
+    V : (n', d) float array
+        Vertices; those of its boundary, as it was filled, come first.
+    T : (t, d+1) int array
+        Positively oriented elements.
+    surface : int
+        How many of the first vertices are the boundary's.
+    notes : tuple of str
+        A sentence on everything that was done because the mesh asked for it.
+    """
+
+    V: np.ndarray
+    T: np.ndarray
+    surface: int
+    notes: tuple[str, ...]
+
+
+def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray) -> Domain:
+    """Fill a mesh with elements, whatever state it is in.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices.
+    E : (m, 3) int array
+        Triangles: those that fill the shape in the plane, those of its surface in space.
+    points : (s, d) float array
+        Where vertices are wanted; those that lie inside become vertices of a volume in space that can be filled so.
+
+    Returns
+    -------
+    domain : Domain
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree, there is no triangle, or all points coincide.
+
+    Notes
+    -----
+    In the plane the triangles are refined as they are. In space a closed, manifold, oriented surface without crossings
+    is filled by TetGen. Any other is wrapped first (see `wrap`) and the wrap is decimated; where TetGen refuses that
+    too, more and more of the wrap's triangles are kept, and at last the domain is made of blocks, which always exist.
+
+    Examples
+    --------
+    >>> sheet = [[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0]]
+    >>> domain = volume_domain(sheet, [[0, 1, 2], [0, 2, 3]], [[0.5, 0.5, 0.1]])
+    >>> domain.notes[0]
+    'the mesh is not a clean solid (4 edges belong to one triangle only): weights are solved in a volume wrapped around it'
+    """
+    V, E, points = arrays(V=(V, "n d"), E=(E, "m 3", int), points=(points, "s d"))
+    check_indices("E", E, len(V), "vertices")
+    if not len(E):
+        raise ValueError("the mesh has no triangle")
+    used = V[np.unique(E)]
+    center, size = (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0)))
+    if not size > 0:
+        raise ValueError("all vertices of the mesh's triangles lie in one point")
+    # Every tolerance below is of a shape of size one around the origin.
+    surface, E = welded((V - center) / size, E)
+    points = (points - center) / size
+    if V.shape[1] == 2:
+        V_volume, T = conforming_triangles(surface, E, points)
+        first, notes = len(surface), []
+    else:
+        V_volume, T, first, notes = _spatial(surface, coherent_orientation(surface, E)[0], points)
+    return Domain(V_volume * size + center, T, first, tuple(notes))
+
+
+def welded(V: np.ndarray, E: np.ndarray, *, tolerance: float = WELD) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh in which vertices at one place are one vertex, and no face is collapsed or repeated.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices.
+    E : (m, k) int array
+        Faces.
+    tolerance : float
+        Vertices are one if their coordinates round to the same multiples of it.
+
+    Returns
+    -------
+    V_welded : (n', d) float array
+        The vertices that faces use, in their order.
+    E_welded : (m', k) int array
+        Of faces over the same vertices the first stays; two that face opposite ways enclose nothing, and both go.
+
+    Examples
+    --------
+    >>> V, E = welded([[0, 0], [1, 0], [0, 1], [1, 0], [1, 1], [0, 1]], [[0, 1, 2], [3, 4, 5]])
+    >>> len(V), E.tolist()
+    (4, [[0, 1, 2], [1, 3, 2]])
+    """
+    V, E = arrays(V=(V, "n d"), E=(E, "m k", int))
+    used = np.unique(E)
+    _, first, place = np.unique(np.round(V[used] / tolerance), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    new = np.zeros(len(V), dtype=np.int64)
+    new[used] = rank[place.ravel()]
+    E = new[E]
+    ordered = np.sort(E, axis=1)
+    E, ordered = (a[(np.diff(ordered, axis=1) > 0).all(axis=1)] for a in (E, ordered))
+    _, index, group = np.unique(ordered, axis=0, return_index=True, return_inverse=True)
+    turns = np.where(_is_even(E), 1, -1)
+    total = np.bincount(group.ravel(), weights=turns, minlength=len(index))
+    single = np.bincount(group.ravel(), minlength=len(index)) == 1
+    E = E[np.sort(index[single | (total != 0)])]
+    left = np.unique(E)
+    compact = np.zeros(len(first), dtype=np.int64)
+    compact[left] = np.arange(len(left))
+    return V[used[first[order]]][left], compact[E]
+
+
+def _is_even(E: np.ndarray) -> np.ndarray:
+    """Whether rows are even permutations of their sorted selves."""
+    swaps = sum((E[:, i] > E[:, j]).astype(int) for i in range(E.shape[1]) for j in range(i + 1, E.shape[1]))
+    return np.asarray(swaps) % 2 == 0
+
+
+def _spatial(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, list[str]]:
+    from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
+
+    notes: list[str] = []
+    for V_closed, F_closed, note in _closed_surfaces(V, F):
+        notes += note
+        try:
+            inner = points[_well_inside(V_closed, F_closed, points)]
+            V_volume, T = conforming_tetrahedra(V_closed, F_closed, inner)
+        except ValueError:
+            continue
+        return V_volume, T, len(V_closed), notes
+    grid, levels = wrap(V, F, resolution=BLOCKS)
+    V_volume, T = blocks(grid, levels)
+    notes.append("no finer volume could be filled: weights are solved in blocks")
+    return V_volume, T, len(np.unique(boundary_facets(T))), notes
+
+
+def _closed_surfaces(V: np.ndarray, F: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, list[str]]]:
+    """Surfaces to fill, the best first, with what is to be said of each."""
+    from nilbs.geometry.copyleft.decimation import decimated
+
+    defects = solid_defects(V, F)
+    if not defects:
+        if len(V) <= SURFACE_LIMIT:
+            yield V, F, []
+        said = [f"the surface has {len(V)} vertices: weights are solved on one with {DECIMATED} triangles"]
+        yield *decimated(V, F, DECIMATED), said if len(V) > SURFACE_LIMIT else []
+        defects = ["its triangles could not be filled"]
+    said = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
+    V_wrap, F_wrap = wrapping_surface(V, F, resolution=RESOLUTION)
+    for facets in (DECIMATED, 2 * DECIMATED):
+        yield *decimated(V_wrap, F_wrap, facets), said
+        said = []
+    yield *wrapping_surface(V, F, resolution=RESOLUTION // 3), ["a coarser wrap was needed"]
+
+
+def _well_inside(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> np.ndarray:
+    distance, _, _ = closest_points(V, F, points)
+    return np.flatnonzero(occupancy(V, F, points) & (distance > MARGIN))
+
+
+def blocks(grid: Grid, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tetrahedra that fill the cells of a grid with a corner inside.
+
+    Parameters
+    ----------
+    grid : Grid
+        In space.
+    levels : float array of shape grid.shape
+        Negative inside.
+
+    Returns
+    -------
+    V : (n, 3) float array
+        Vertices, those of the boundary first.
+    T : (t, 4) int array
+        Positively oriented: six a cell, Kuhn's subdivision, which agrees across neighbouring cells.
+
+    Examples
+    --------
+    >>> levels = np.ones((3, 3, 3)); levels[1, 1, 1] = -1
+    >>> V, T = blocks(Grid([0, 0, 0], 1.0, (3, 3, 3)), levels)
+    >>> len(V), len(T), float(element_volumes(V, T).sum().round(9))
+    (27, 48, 8.0)
+    """
+    inside = levels < 0
+    corner = list(np.ndindex(2, 2, 2))
+    cells = np.logical_or.reduce(
+        [inside[tuple(slice(o, n - 1 + o) for o, n in zip(c, grid.shape, strict=True))] for c in corner]
+    )
+    cell = np.argwhere(cells)
+    # A path from corner 000 to 111 along the axes in each of their six orders.
+    paths = np.array([np.cumsum(np.eye(3, dtype=np.int64)[list(order)], axis=0) for order in _ORDERS])
+    paths = np.concatenate([np.zeros((6, 1, 3), dtype=np.int64), paths], axis=1)
+    node = np.ravel_multi_index(tuple(np.moveaxis(cell[:, None, None] + paths, -1, 0)), grid.shape).reshape(-1, 4)
+    used, T = np.unique(node, return_inverse=True)
+    V = grid.origin + grid.spacing * np.stack(np.unravel_index(used, grid.shape), axis=1)
+    T = T.reshape(-1, 4)
+    T = np.where((element_volumes(V, T) < 0)[:, None], T[:, [0, 2, 1, 3]], T)
+    outer = np.zeros(len(V), dtype=bool)
+    outer[boundary_facets(T)] = True
+    order = np.argsort(~outer, kind="stable")
+    rank = np.empty(len(V), dtype=np.int64)
+    rank[order] = np.arange(len(V))
+    return V[order], rank[T]
+
+
+_ORDERS = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))

@@ -1,0 +1,146 @@
+"""Values of vertices anywhere: inside a volume mesh, and on a surface."""
+
+import numpy as np
+
+from nilbs.geometry.distance import closest_points
+from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.volume import boundary_facets
+
+
+def surface_interpolation(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Values of a surface's vertices at the places of it that are closest to points.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices.
+    F : (m, d) int array
+        Facets, at least one.
+    values : (n, k) float array
+        What the vertices hold.
+    x : (p, d) float array
+        Points, on the surface or not.
+
+    Returns
+    -------
+    values : (p, k) float array
+        Linear on every facet.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree or F is empty.
+
+    Examples
+    --------
+    >>> surface_interpolation([[0, 0], [4, 0]], [[0, 1]], [[0.0], [1.0]], [[1, 2], [9, 0]]).ravel()
+    array([0.25, 1.  ])
+    """
+    V, F, values, x = arrays(V=(V, "n d"), F=(F, "m d", int), values=(values, "n k"), x=(x, "p d"))
+    if not len(F):
+        raise ValueError("a surface without facets has no values")
+    _, facet, place = closest_points(V, F, x)
+    return facet_values(V, F, values, place, facet)
+
+
+def facet_values(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: np.ndarray, facet: np.ndarray) -> np.ndarray:
+    """Values of a surface's vertices at points of known facets.
+
+    Parameters
+    ----------
+    V, F, values
+        As for `surface_interpolation`.
+    x : (p, d) float array
+        Points on facets.
+    facet : (p,) int array
+        The facet of each.
+
+    Returns
+    -------
+    values : (p, k) float array
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree or an index does not exist.
+
+    Examples
+    --------
+    >>> facet_values([[0, 0], [4, 0]], [[0, 1]], [[0.0], [1.0]], [[1, 0]], [0])
+    array([[0.25]])
+    """
+    V, F, values = arrays(V=(V, "n d"), F=(F, "m d", int), values=(values, "n k"))
+    x, facet = arrays(x=(x, "p d"), facet=(facet, "p", int))
+    check_indices("facet", facet, len(F), "facets")
+    corners = V[F[facet]]
+    edges = corners[:, 1:] - corners[:, :1]
+    gram = edges @ edges.transpose(0, 2, 1)
+    # A facet without area has any coordinates; the small diagonal picks one instead of failing.
+    gram += 1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1]) + 1e-300 * np.eye(
+        gram.shape[1]
+    )
+    rest = np.linalg.solve(gram, edges @ (x - corners[:, 0])[:, :, None])[:, :, 0]
+    return _blend(np.concatenate([1 - rest.sum(axis=1, keepdims=True), rest], axis=1), F[facet], values)
+
+
+def volume_interpolation(V: np.ndarray, T: np.ndarray, values: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Values of a volume mesh's vertices at points.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices.
+    T : (t, d+1) int array
+        Elements, at least one.
+    values : (n, k) float array
+        What the vertices hold.
+    x : (p, d) float array
+        Points.
+
+    Returns
+    -------
+    values : (p, k) float array
+        Linear in every element; a point outside has the value of the closest place of the mesh.
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree or T is empty.
+
+    Examples
+    --------
+    >>> V, T = [[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]
+    >>> volume_interpolation(V, T, [[0.0], [1.0], [0.0]], [[0.5, 0.25], [3, 0]]).round(12).ravel()
+    array([0.5, 1. ])
+    """
+    V, T, values, x = arrays(V=(V, "n d"), T=(T, "t d+1", int), values=(values, "n k"), x=(x, "p d"))
+    if not len(T):
+        raise ValueError("a volume mesh without elements has no values")
+    check_indices("T", T, len(V), "vertices")
+    if V.shape[1] == 2:
+        # In the plane the elements are a surface of their own, whose closest place is the point itself where it is in.
+        flat, points = (np.pad(a, ((0, 0), (0, 1))) for a in (V, x))
+        return surface_interpolation(flat, T, values, points)
+    import igl
+
+    tree = igl.AABB()
+    tree.init(V, T)
+    element = igl.in_element(V, T, x, tree)
+    result = np.empty((len(x), values.shape[1]))
+    inside = element >= 0
+    corners = T[element[inside]]
+    barycentric = igl.barycentric_coordinates(x[inside], *(V[corners[:, i]] for i in range(4)))
+    result[inside] = _blend(barycentric, corners, values)
+    if not inside.all():
+        result[~inside] = surface_interpolation(V, boundary_facets(T), values, x[~inside])
+    return result
+
+
+def _blend(barycentric: np.ndarray, corners: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A convex blend of corners' values: rounding never leaves their range."""
+    barycentric = np.maximum(barycentric, 0)
+    barycentric /= barycentric.sum(axis=1, keepdims=True)
+    result = barycentric[:, :1] * values[corners[:, 0]]
+    for i in range(1, corners.shape[1]):  # corner by corner: a third of the memory of one einsum
+        result += barycentric[:, i : i + 1] * values[corners[:, i]]
+    return result

@@ -1,0 +1,205 @@
+"""Bounded biharmonic weights of any rigged mesh: a volume to solve in, what the bones hold of it, and the solution."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from nilbs.geometry.distance import closest_points
+from nilbs.geometry.domain import MARGIN, volume_domain
+from nilbs.geometry.handles import BoneConditions, bone_conditions, bone_points, described, distinct_points
+from nilbs.geometry.interpolation import volume_interpolation
+from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.validation import arrays
+from nilbs.geometry.volume import boundary_facets
+from nilbs.geometry.weights import biharmonic_energy, bounded_biharmonic_weights
+
+# Of the diagonal of the mesh.
+SPACING = 0.0015  # of the points that hold a bone
+SNAP = 0.02  # how far the vertex may be that such a point holds
+REACH = 0.1  # how far outside a bone may lie and still hold the nearest place
+# A rig whose joints span less of the mesh than this is taken for one in another unit.
+SMALLEST_RIG = 0.03
+
+
+@dataclass(frozen=True)
+class SolvedWeights:
+    """Bounded biharmonic weights of a mesh, and of the volume that they were solved in.
+
+    Attributes
+    ----------
+    W : (n, b) float array
+        Weights of the mesh's vertices; rows on the simplex.
+    V_volume, T, W_volume : arrays
+        Volume mesh and its weights, (n', d), (t, d+1) and (n', b).
+    energy : float
+        Half the sum over bones of w' L M^-1 L w.
+    method : str
+        "joint" or "igl".
+    notes : tuple of str
+        A sentence on everything that was done because the mesh or the rig asked for it.
+    """
+
+    W: np.ndarray
+    V_volume: np.ndarray
+    T: np.ndarray
+    W_volume: np.ndarray
+    energy: float
+    method: str
+    notes: tuple[str, ...]
+
+
+def solve_weights(
+    V: np.ndarray,
+    E: np.ndarray,
+    skeleton: Skeleton,
+    *,
+    method: str = "joint",
+    reach: float = REACH,
+    progress: bool = False,
+) -> SolvedWeights:
+    """Bounded biharmonic weights of a rigged mesh, whatever state mesh and rig are in.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices.
+    E : (m, 3) int array
+        Triangles: those that fill the shape in the plane, those of its surface in space.
+    skeleton : Skeleton
+        In the mesh's dimension.
+    method : "joint" or "igl"
+        Which solver; see `bounded_biharmonic_weights`.
+    reach : float
+        How far from the volume, in diagonals of the mesh, a bone may lie and still hold the nearest place of it.
+    progress : bool
+        Show progress on standard error.
+
+    Returns
+    -------
+    solved : SolvedWeights
+
+    Raises
+    ------
+    ValueError
+        If the sizes disagree, the mesh is empty, or the rig does not belong to it.
+
+    Notes
+    -----
+    Bones that lie on one place share it. A bone outside holds the nearest place of the volume, within `reach`; one
+    further away holds nothing and has no weight. A separate part of the volume that no bone enters follows the bone
+    nearest to it.
+    """
+    V, E = arrays(V=(V, "n d"), E=(E, "m 3", int))
+    check_rig_fits(V[np.unique(E)], skeleton)
+    size = float(np.linalg.norm(np.ptp(V[np.unique(E)], axis=0)))
+    x, bone = bone_points(skeleton, spacing=SPACING * size)
+    domain = volume_domain(V, E, x[distinct_points(x, MARGIN * size)])
+    known = _held(domain.V, domain.T, x, bone, len(skeleton.BE), size, reach)
+    notes = [*domain.notes, *_told(known, skeleton)]
+    if not len(known.fixed):
+        raise ValueError(f"no bone lies within {reach:g} diagonals of the mesh: is the rig in the same unit and frame?")
+    W_volume, lonely = _solved_by_parts(domain.V, domain.T, known, x, bone, method, progress)
+    if len(lonely):
+        notes.append(f"{len(lonely)} parts of the mesh that no bone enters follow {described(lonely, skeleton.names)}")
+    W = volume_interpolation(domain.V, domain.T, W_volume, V)
+    energy = biharmonic_energy(domain.V, domain.T, W_volume)
+    return SolvedWeights(W, domain.V, domain.T, W_volume, energy, method, tuple(notes))
+
+
+def check_rig_fits(V: np.ndarray, skeleton: Skeleton) -> None:
+    """Refuse a rig that does not belong to the mesh.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices that the mesh's faces use.
+    skeleton : Skeleton
+
+    Raises
+    ------
+    ValueError
+        If they differ in dimension, their bounding boxes do not meet, or one box is many times the other.
+    """
+    C = skeleton.C[np.unique(skeleton.BE)]
+    if V.shape[1] != C.shape[1]:
+        raise ValueError(f"the mesh has {V.shape[1]} dimensions but the rig has {C.shape[1]}")
+    if not len(V):
+        raise ValueError("the mesh has no triangle")
+    lower, upper = V.min(axis=0), V.max(axis=0)
+    size, extent = float(np.linalg.norm(upper - lower)), float(np.linalg.norm(np.ptp(C, axis=0)))
+    boxes = (
+        f"the mesh's box runs from {_written(lower, size)} to {_written(upper, size)}, "
+        f"the joints' from {_written(C.min(axis=0), size)} to {_written(C.max(axis=0), size)}"
+    )
+    gap = np.linalg.norm(np.maximum(np.maximum(lower - C.max(axis=0), C.min(axis=0) - upper), 0))
+    if gap > REACH * size:
+        raise ValueError(f"the rig lies outside the mesh: {boxes}; bring both to the same unit and frame")
+    if len(C) > 2 and extent < SMALLEST_RIG * size:
+        raise ValueError(
+            f"the rig is {size / max(extent, 1e-300):.3g} times smaller than the mesh: {boxes}; bring both to the same unit"
+        )
+    if extent > size / SMALLEST_RIG:
+        raise ValueError(
+            f"the rig is {extent / size:.3g} times larger than the mesh: {boxes}; bring both to the same unit"
+        )
+
+
+def _written(x: np.ndarray, size: float) -> str:
+    """A place in as many digits as matter on something of this size."""
+    digits = max(0, int(np.ceil(3 - np.log10(max(size, 1e-300)))))
+    return str(np.round(x, digits).tolist())
+
+
+def _held(
+    V: np.ndarray, T: np.ndarray, x: np.ndarray, bone: np.ndarray, bones: int, size: float, reach: float
+) -> BoneConditions:
+    F = boundary_facets(T)
+    distance, _, _ = closest_points(V, F, x)
+    inside = occupancy(V, F, x) | (distance <= MARGIN * size)
+    return bone_conditions(V, np.unique(T), x, bone, inside, bones=bones, snap=SNAP * size, reach=reach * size)
+
+
+def _told(known: BoneConditions, skeleton: Skeleton) -> list[str]:
+    names, notes = skeleton.names, []
+    if len(known.outside):
+        notes.append(
+            f"{len(known.outside)} bones have no place inside and hold the nearest one: {described(known.outside, names)}"
+        )
+    if len(known.away):
+        notes.append(f"{len(known.away)} bones lie far from the mesh and move nothing: {described(known.away, names)}")
+    # Bones that hold the same vertices.
+    holds = known.W_fixed > 0
+    pattern, index = np.unique(holds.T, axis=0, return_inverse=True)
+    index, count = index.ravel(), np.bincount(index.ravel(), minlength=len(pattern))
+    together = [bone for bone in range(len(names)) if count[index[bone]] > 1 and pattern[index[bone]].any()]
+    if together:
+        notes.append(
+            f"{len(together)} bones lie on top of others and share their weights: {described(together, names)}"
+        )
+    return notes
+
+
+def _solved_by_parts(
+    V: np.ndarray, T: np.ndarray, known: BoneConditions, x: np.ndarray, bone: np.ndarray, method: str, progress: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of a volume, and the bones that parts without a bone of their own follow."""
+    edges = T[:, [0] * (T.shape[1] - 1)], T[:, 1:]
+    graph = coo_array(
+        (np.ones(edges[0].size, dtype=np.int8), (edges[0].ravel(), edges[1].ravel())), shape=(len(V),) * 2
+    )
+    _, part = connected_components(graph, directed=False)
+    loose = ~np.isin(part, part[known.fixed])
+    W = bounded_biharmonic_weights(V, T[~loose[T[:, 0]]], known.fixed, known.W_fixed, method=method, progress=progress)
+    near = ~np.isin(bone, known.away)
+    distance, nearest = cKDTree(x[near]).query(V[loose])
+    followed = []
+    for lonely in np.unique(part[loose & np.isin(np.arange(len(V)), T)]):
+        member = part[loose] == lonely
+        leader = int(bone[near][nearest[member][distance[member].argmin()]])
+        W[part == lonely] = np.eye(W.shape[1])[leader]
+        followed.append(leader)
+    return W, np.array(followed, dtype=np.int64)
