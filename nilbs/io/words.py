@@ -1,140 +1,94 @@
-"""Numbers and names in files of text."""
+"""Words of a text file as numbers, with the line of the one that is none."""
 
-import math
+import os
 import re
-from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from nilbs.io.errors import FileFormatError
 
-def finite_numbers(words: Sequence[bytes]) -> np.ndarray | None:
-    """Numbers that words stand for.
+_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_INTEGER = re.compile(rb"[+-]?\d{1,18}")
+
+
+def finite_numbers(path: str | os.PathLike, words: list[bytes], lines: list[int]) -> np.ndarray:
+    """Decimal numbers, the same count of them from every line.
 
     Parameters
     ----------
-    words : sequence of w bytes
+    path : str or path
+        The file, for the error.
+    words : list of bytes
+        All words of all lines.
+    lines : list of int
+        The number of each line.
 
     Returns
     -------
-    values : (w,) float array, or None
-        None where a word is no finite decimal number.
+    values : (l, w) float array
+        A row a line.
+
+    Raises
+    ------
+    FileFormatError
+        Naming the first word that is no finite number.
 
     Examples
     --------
-    >>> finite_numbers([b"1", b"-2.5e1"])
-    array([  1., -25.])
-    >>> finite_numbers([b"1", b"nan"]) is None
-    True
+    >>> finite_numbers("a.off", [b"1", b"2.5"], [7])
+    array([[1. , 2.5]])
     """
     try:
         values = np.array([float(word) for word in words], dtype=np.float64)
+        legal = b"_" not in b"".join(words) and bool(np.isfinite(values).all())  # float() reads 1_0 as 10
     except ValueError:
-        return None
-    # Python reads 1_0 as ten; no file means that.
-    return values if np.isfinite(values).all() and b"_" not in b"".join(words) else None
+        legal = False
+    if not legal:
+        bad = next(i for i, word in enumerate(words) if not (_NUMBER.fullmatch(word) and np.isfinite(float(word))))
+        line = lines[bad // (len(words) // len(lines))]
+        raise FileFormatError(path, f"{_shown(words[bad])} is not a finite number", line)
+    return values.reshape(len(lines), -1)
 
 
-def is_finite_number(value: object) -> bool:
-    """Whether a value of a JSON file is a number that a float holds.
+def whole_numbers(path: str | os.PathLike, words: list[bytes], counts: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Whole numbers, so many of them from every line.
+
+    Parameters
+    ----------
+    path : str or path
+        The file, for the error.
+    words : list of bytes
+        All words of all lines.
+    counts : (l,) int array
+        How many of them are from each line.
+    lines : (l,) int array
+        The number of each line.
+
+    Returns
+    -------
+    values : (w,) int array
+
+    Raises
+    ------
+    FileFormatError
+        Naming the first word that is no whole number of at most 18 digits.
 
     Examples
     --------
-    >>> is_finite_number(3), is_finite_number(True), is_finite_number(10**400)
-    (True, False, False)
+    >>> whole_numbers("a.off", [b"1", b"-2"], np.array([2]), np.array([7]))
+    array([ 1, -2])
     """
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
     try:
-        return math.isfinite(float(value))
-    except OverflowError:
-        return False
+        values = np.array([int(word) for word in words], dtype=np.int64)
+        legal = b"_" not in b"".join(words)
+    except (ValueError, OverflowError):
+        legal = False
+    if not legal:
+        bad = next(i for i, word in enumerate(words) if not _INTEGER.fullmatch(word))
+        line = int(lines[np.searchsorted(np.cumsum(counts), bad, side="right")])
+        raise FileFormatError(path, f"{_shown(words[bad])} is not a whole number", line)
+    return values
 
 
-def text_of(word: bytes) -> str:
-    """A name in a file, whatever its bytes are.
-
-    Examples
-    --------
-    >>> text_of("Hüfte".encode())
-    'Hüfte'
-    """
-    return word.decode("utf-8", "replace")
-
-
-def unique_names(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names, each different: one that is used again gets a number.
-
-    Parameters
-    ----------
-    names : iterable of str
-
-    Returns
-    -------
-    unique : tuple of str
-        In the same order; the first of equal names stays.
-    notes : tuple of str
-        One sentence where names were changed.
-
-    Examples
-    --------
-    >>> unique_names(["toe", "toe", "toe_2"])
-    (('toe', 'toe_3', 'toe_2'), ("names used twice were numbered: 'toe' became 'toe_3'",))
-    """
-    given = list(names)
-    taken = set(given)
-    seen: set[str] = set()
-    number: dict[str, int] = {}
-    unique, changed = [], []
-    for name in given:
-        new = name
-        if name in seen:
-            count = number.get(name, 1)
-            while new in taken:
-                count += 1
-                new = f"{name}_{count}"
-            number[name] = count
-            taken.add(new)
-            changed.append(f"{name[:60]!r} became {new[:70]!r}")
-        seen.add(name)
-        unique.append(new)
-    return tuple(unique), (f"names used twice were numbered: {listed(changed)}",) if changed else ()
-
-
-def written_names(names: Iterable[str], unfit: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    r"""Names as a file can hold them.
-
-    Parameters
-    ----------
-    names : iterable of b str
-        Each different.
-    unfit : str
-        Pattern of the characters that the file cannot hold; an underscore takes their place.
-
-    Returns
-    -------
-    written : tuple of b str
-        Each different.
-    notes : tuple of str
-        One sentence where names were changed.
-
-    Examples
-    --------
-    >>> written_names(["left leg", "spine"], r"\s")
-    (('left_leg', 'spine'), ("names that the file cannot hold were changed: 'left leg' became 'left_leg'",))
-    """
-    given = list(names)
-    written, _ = unique_names(re.sub(rf"(?:{unfit}|[\0\ud800-\udfff])+", "_", name) or "_" for name in given)
-    changed = [f"{old[:60]!r} became {new[:60]!r}" for old, new in zip(given, written, strict=True) if old != new]
-    return written, (f"names that the file cannot hold were changed: {listed(changed)}",) if changed else ()
-
-
-def listed(words: Sequence[str]) -> str:
-    """A list for a sentence: the first five, and how many more there are.
-
-    Examples
-    --------
-    >>> listed(["a", "b"]), listed(["a", "b", "c", "d", "e", "f", "g"])
-    ('a, b', 'a, b, c, d, e and 2 more')
-    """
-    more = f" and {len(words) - 5} more" if len(words) > 5 else ""
-    return ", ".join(words[:5]) + more
+def _shown(word: bytes) -> str:
+    return repr(word[:40].decode("ascii", "replace"))
