@@ -1,15 +1,27 @@
-"""Meshes: OBJ and PLY files, flat or not."""
+"""Meshes: OBJ, PLY, OFF and STL files, flat or not."""
 
 import os
+from collections.abc import Callable
 
 import numpy as np
 
+from nilbs.geometry.polygons import cut_polygons
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
 from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.obj import read_obj
+from nilbs.io.off import read_off
+from nilbs.io.parts import Mesh
 from nilbs.io.ply import read_ply
-from nilbs.io.polygons import check_corners, triangle_fans
+from nilbs.io.polygons import MeshFile, check_corners, without_repeats
+from nilbs.io.stl import read_stl
+
+_READERS: dict[str, Callable[[str | os.PathLike], MeshFile]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".off": read_off,
+    ".stl": read_stl,
+}
 
 
 def read_mesh(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
@@ -18,7 +30,7 @@ def read_mesh(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     path : str or path
-        An `.obj` or `.ply` file. Polygons are cut into fans of triangles.
+        An `.obj`, `.ply`, `.off` or `.stl` file, see `read_mesh_parts`.
 
     Returns
     -------
@@ -44,30 +56,75 @@ def read_mesh(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     >>> V.shape, T.tolist()
     ((4, 2), [[0, 1, 2], [0, 2, 3]])
     """
-    file = read_obj(path) if check_suffix(path, ".obj", ".ply") == ".obj" else read_ply(path)
+    mesh = read_mesh_parts(path)
+    return mesh.V, mesh.E
+
+
+def read_mesh_parts(path: str | os.PathLike) -> Mesh:
+    r"""Read a mesh with its groups, keeping the number and order of its vertices.
+
+    Parameters
+    ----------
+    path : str or path
+        An `.obj`, `.ply`, `.off` or `.stl` file.
+
+    Returns
+    -------
+    mesh : Mesh
+        Polygons are cut into triangles, in the order of the file, by `cut_polygons`. Corners that repeat the one
+        before them are left out, and so are faces with fewer than three different corners. `groups` are what OBJ and
+        STL name; `notes` tell what was left out, and which polygons cross themselves. Corners of an STL file that are
+        equal are one vertex.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not such a mesh, with the line at fault where there is one; also if it is flat and a polygon
+        crosses itself.
+    OSError
+        If it cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "two.obj"
+    >>> _ = path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\ng lower\nf 1 2 3\ng upper\nf 1 3 4\n")
+    >>> {name: faces.tolist() for name, faces in read_mesh_parts(path).groups.items()}
+    {'lower': [0], 'upper': [1]}
+    """
+    file = _READERS[check_suffix(path, *_READERS)](path)
     if len(file.V) == 0:
         raise FileFormatError(path, "the file holds no vertex")
     check_corners(file, "face")
     check_corners(file, "edge")
     flat = not file.V[:, 2].any()
-    if len(file.faces.counts) == 0:
-        if flat and len(file.edges.counts):
-            return file.V[:, :2].copy(), file.edges.corners.reshape(-1, 2)
-        raise FileFormatError(path, "the file holds no face")
-    F, face = triangle_fans(file.faces)
-    if not flat:
-        return file.V, F
-    V = file.V[:, :2].copy()
-    turn = _turns(V, F)
-    # A fan of a polygon that is not convex covers some places twice and some outside.
-    lowest, highest = np.zeros(len(file.faces.counts)), np.zeros(len(file.faces.counts))
-    np.minimum.at(lowest, face, turn)
-    np.maximum.at(highest, face, turn)
-    mixed = np.flatnonzero((lowest < 0) & (highest > 0))
-    if len(mixed):
-        raise FileFormatError(path, "this polygon is not convex: cut it into triangles", file.faces.line(mixed[0]))
-    F[turn < 0] = F[turn < 0][:, [0, 2, 1]]
-    return V, F
+    V = file.V[:, :2].copy() if flat else file.V
+    if len(file.faces.counts) == 0 and flat:
+        edges = file.edges.corners.reshape(-1, 2)
+        edges = edges[edges[:, 0] != edges[:, 1]]
+        if len(edges):
+            return Mesh(V, edges)
+    faces = without_repeats(file.faces)
+    F, face, crossed = cut_polygons(V, faces.corners, faces.counts)
+    if flat and crossed.any():
+        message = "this polygon crosses itself, or has too many corners: cut it into triangles"
+        raise FileFormatError(path, message, faces.line(int(crossed.argmax())))
+    solid = (F[:, [1, 2, 0]] != F).all(axis=1)  # a polygon may come back to a corner
+    F, face = F[solid], face[solid]
+    if not len(F):
+        raise FileFormatError(path, "the file holds no face" + " with three different corners" * bool(len(solid)))
+    if flat:
+        turned = _turns(V, F) < 0
+        F[turned] = F[turned][:, [0, 2, 1]]
+    notes = []
+    few = len(faces.counts) - len(np.unique(face))
+    if few:
+        notes.append(f"{few} of {len(faces.counts)} faces have fewer than three different corners and are left out")
+    if crossed.any():
+        line = faces.line(int(crossed.argmax()))
+        where = "" if line is None else f", in line {line} first"
+        notes.append(f"{crossed.sum()} polygons cross themselves or have too many corners to be cut well{where}")
+    return Mesh(V, F, _groups_of_triangles(file, face), tuple(notes))
 
 
 def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
@@ -126,6 +183,18 @@ def _turns(V: np.ndarray, T: np.ndarray) -> np.ndarray:
     V = V / (np.abs(V).max() or 1.0)  # so that no product overflows
     a, b = V[T[:, 1]] - V[T[:, 0]], V[T[:, 2]] - V[T[:, 0]]
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _groups_of_triangles(file: MeshFile, face: np.ndarray) -> dict[str, np.ndarray]:
+    """Triangles by group, from the polygon that each triangle comes from, ascending."""
+    found = {}
+    for name, faces in file.groups.items():
+        start, stop = np.searchsorted(face, faces), np.searchsorted(face, faces, side="right")
+        size = stop - start
+        triangles = np.repeat(start - np.cumsum(size) + size, size) + np.arange(size.sum())
+        if len(triangles):
+            found[name] = triangles
+    return found
 
 
 def _ply_header(n: int, F: np.ndarray) -> str:

@@ -1,17 +1,20 @@
 """Wavefront OBJ: vertices in the file's order and number, whatever textures and groups stand beside them."""
 
+import codecs
 import os
 import re
+from array import array
 
 import numpy as np
 
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
 from nilbs.io.polygons import Elements, MeshFile
+from nilbs.io.words import finite_numbers
 
 # x y z, then a weight, a colour or both: never used.
 _VERTEX_LENGTHS = (4, 5, 7, 8)
-_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_GROUPS_PER_FACE = 16
 _INDEX = re.compile(rb"[+-]?\d{1,18}(/.*)?")
 
 
@@ -19,12 +22,15 @@ def read_obj(path: str | os.PathLike) -> MeshFile:
     r"""Read vertices, faces and line elements of an OBJ file.
 
     Corners may be written `v`, `v/vt`, `v//vn` or `v/vt/vn`, with negative indices counting back from the last vertex.
-    Groups, materials, textures and normals are left out; an unused vertex stays.
+    A line `g` puts the faces after it into groups, one for each of its words, a line `o` into an object besides, whose
+    name is the rest of the line; names are UTF-8 or else Latin-1. Materials, textures, normals and colours are left
+    out; an unused vertex stays.
 
     Raises
     ------
     FileFormatError
-        With the line, if a vertex has no three finite coordinates or an index is not a whole number from 1 or below 0.
+        With the line, if a vertex has no three finite coordinates or an index is not a whole number from 1 or below 0;
+        without it, if faces are in more than 16 groups each.
     OSError
         If the file cannot be read.
 
@@ -37,10 +43,12 @@ def read_obj(path: str | os.PathLike) -> MeshFile:
     array([0, 1, 2])
     """
     blocks: list[np.ndarray] = [np.zeros((0, 3))]
-    faces, edges = _Corners(path), _Corners(path)
+    faces, edges, groups = _Corners(path), _Corners(path), _Groups(path)
     n = 0
     carried: list[bytes] = []
     for first, lines in line_blocks(path):
+        if first == 1:
+            lines[0] = lines[0].removeprefix(codecs.BOM_UTF8)
         words_of: list[bytes] = []
         at: list[int] = []
         for number, line in enumerate(lines, first):
@@ -50,10 +58,13 @@ def read_obj(path: str | os.PathLike) -> MeshFile:
             if not words:
                 continue
             kind = words[0]
-            if kind not in (b"v", b"f", b"l"):
+            if kind not in (b"v", b"f", b"l", b"g", b"o"):
                 continue
             if words[-1].endswith(b"\\"):  # the statement goes on in the next line
                 carried = [*words[:-1], words[-1][:-1]] if words[-1] != b"\\" else words[:-1]
+                continue
+            if kind in (b"g", b"o"):
+                groups.change(kind, words[1:])
                 continue
             if b"#" in line:
                 words = b" ".join(words).partition(b"#")[0].split()
@@ -64,17 +75,18 @@ def read_obj(path: str | os.PathLike) -> MeshFile:
                 at.append(number)
             elif kind == b"f":
                 faces.add(words[1:], number, n + len(at))
+                groups.add_face()
             else:  # a polyline is its edges
-                for start in range(1, max(len(words) - 1, 2)):
+                for start in range(1, len(words) - 1):
                     edges.add(words[start : start + 2], number, n + len(at))
-        V = _coordinates(path, words_of, at)
+        V = finite_numbers(path, words_of, at) if at else blocks[0]
         n += len(V)
         blocks.append(V)
         faces.convert()
         edges.convert()
     if carried:
         raise FileFormatError(path, "the file ends in the middle of a statement")
-    return MeshFile(path, np.concatenate(blocks), faces.elements(), edges.elements(), first=1)
+    return MeshFile(path, np.concatenate(blocks), faces.elements(), edges.elements(), 1, groups.faces_by_name())
 
 
 class _Corners:
@@ -123,14 +135,49 @@ class _Corners:
         return FileFormatError(self.path, f"{word!r} is not a vertex index; vertices count from 1", line)
 
 
-def _coordinates(path: str | os.PathLike, words: list[bytes], lines: list[int]) -> np.ndarray:
+class _Groups:
+    """The groups and the object that faces belong to."""
+
+    def __init__(self, path: str | os.PathLike) -> None:
+        self.path = path
+        self.named: dict[bytes, list[bytes]] = {b"g": [], b"o": []}  # what holds for the faces that follow
+        self.states: dict[tuple[bytes, ...], int] = {(): 0}
+        self.state: int | None = 0  # None until the next face asks for it
+        self.of_face = array("i")
+
+    def change(self, kind: bytes, words: list[bytes]) -> None:
+        comment = next((i for i, word in enumerate(words) if word.startswith(b"#")), len(words))
+        words = words[:comment]
+        # A line lists several groups; an object has one name, with its spaces.
+        self.named[kind] = words if kind == b"g" else [b" ".join(words)] * bool(words)
+        self.state = None
+
+    def add_face(self) -> None:
+        if self.state is None:
+            names = tuple(dict.fromkeys([*self.named[b"o"], *self.named[b"g"]]))
+            self.state = self.states.setdefault(names, len(self.states))
+        self.of_face.append(self.state)
+
+    def faces_by_name(self) -> dict[str, np.ndarray]:
+        of_face = np.array(self.of_face, dtype=np.int64)
+        order = np.argsort(of_face, kind="stable")
+        ends = np.cumsum(np.bincount(of_face, minlength=len(self.states)))
+        sizes = np.diff(ends, prepend=0)
+        listed = sum(len(names) * int(size) for names, size in zip(self.states, sizes, strict=True))
+        if listed > _GROUPS_PER_FACE * len(of_face) + 1000:  # a short file could fill the memory with them
+            raise FileFormatError(self.path, f"its faces are in {listed / len(of_face):.0f} groups each, on average")
+        states: dict[str, list[int]] = {}
+        for names, state in self.states.items():
+            for name in dict.fromkeys(map(_decoded, names)):
+                states.setdefault(name, []).append(state)
+        return {
+            name: np.sort(np.concatenate([order[ends[state] - sizes[state] : ends[state]] for state in those]))
+            for name, those in states.items()
+        }
+
+
+def _decoded(name: bytes) -> str:
     try:
-        values = np.array([float(word) for word in words], dtype=np.float64)
-        legal = b"_" not in b"".join(words) and bool(np.isfinite(values).all())
-    except ValueError:
-        legal = False
-    if not legal:
-        bad = next(i for i, word in enumerate(words) if not (_NUMBER.fullmatch(word) and np.isfinite(float(word))))
-        word = words[bad][:40].decode("ascii", "replace")
-        raise FileFormatError(path, f"{word!r} is not a finite number", lines[bad // 3])
-    return values.reshape(-1, 3)
+        return name.decode("utf-8")
+    except UnicodeDecodeError:
+        return name.decode("latin-1")

@@ -22,11 +22,51 @@ class Mesh:
         Triangles (or (m, 2) edges of a flat curve).
     groups : mapping of str to (g,) int array
         Faces (rows of E) by the name of their group or object. A face may be in several, or in none.
+    notes : tuple of str
+        A sentence on everything in the file that could not be kept as it is.
     """
 
     V: np.ndarray
     E: np.ndarray
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def select_group(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The part of a mesh that is one group or object.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    name : str
+        A key of its groups.
+
+    Returns
+    -------
+    V : (n', d) float array
+        The vertices that the group uses, in the order of the file.
+    E : (m', 3) int array
+        Its faces, indices into these.
+    kept : (n',) int array
+        Where the vertices stand in the whole mesh.
+
+    Raises
+    ------
+    ValueError
+        If there is no such group.
+
+    Examples
+    --------
+    >>> mesh = Mesh(np.eye(4)[:, :3], np.array([[0, 1, 2], [1, 2, 3]]), {"body": np.array([1])})
+    >>> V, E, kept = select_group(mesh, "body")
+    >>> E.tolist(), kept.tolist()
+    ([[0, 1, 2]], [1, 2, 3])
+    """
+    if name not in mesh.groups:
+        known = ", ".join(map(repr, mesh.groups)) or "none"
+        raise ValueError(f"the mesh has no group {name!r}; its groups are: {known}")
+    kept, E = np.unique(mesh.E[mesh.groups[name]], return_inverse=True)
+    return mesh.V[kept], E.reshape(-1, mesh.E.shape[1]).astype(np.int64), kept
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
-from nilbs.io.polygons import Elements, MeshFile
+from nilbs.io.polygons import Elements, MeshFile, no_elements
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -80,7 +80,7 @@ def read_ply(path: str | os.PathLike) -> MeshFile:
         message = f"vertex {bad[0]} is {V[bad[0]].tolist()}; every number must be finite"
         raise FileFormatError(path, message, None if at is None else int(at[bad[0]]))
     face, edge = tables.get("face", {}), tables.get("edge", {})
-    faces = edges = Elements(np.zeros(0, np.int64), np.zeros(0, np.int64), None)
+    faces = edges = no_elements()
     for name in ("vertex_indices", "vertex_index"):
         if f"{name} count" in face:
             counts = face[f"{name} count"].astype(np.int64)

@@ -1,7 +1,8 @@
 """What a mesh file holds before its polygons are cut into triangles."""
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,17 +34,37 @@ class Elements:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """Vertices (n, 3), faces, edges, and the number that the format gives to its first vertex."""
+    """What a mesh file lists.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    V : (n, 3) float array
+        Vertices.
+    faces, edges : Elements
+        Polygons, and segments of lines.
+    first : int
+        The number that the format gives to its first vertex.
+    groups : mapping of str to (g,) int array
+        Faces by the name of their group or object.
+    """
 
     path: str | os.PathLike
     V: np.ndarray
     faces: Elements
     edges: Elements
     first: int
+    groups: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def no_elements() -> Elements:
+    """No faces, or no edges."""
+    return Elements(np.zeros(0, np.int64), np.zeros(0, np.int64), None)
 
 
 def check_corners(file: MeshFile, kind: str) -> None:
-    """Check that elements have enough corners and that these index vertices.
+    """Check that the corners of elements index vertices.
 
     Parameters
     ----------
@@ -58,49 +79,28 @@ def check_corners(file: MeshFile, kind: str) -> None:
         Naming the first element at fault.
     """
     elements = file.faces if kind == "face" else file.edges
-    least = 3 if kind == "face" else 2
-    few = np.flatnonzero(elements.counts < least)
-    if len(few):
-        message = (
-            f"{'a' if kind == 'face' else 'an'} {kind} needs {least} corners, this one has {elements.counts[few[0]]}"
-        )
-        raise FileFormatError(file.path, _named(kind, elements, few[0], message), elements.line(few[0]))
     wrong = np.flatnonzero((elements.corners < 0) | (elements.corners >= len(file.V)))
     if len(wrong):
         element = int(np.searchsorted(np.cumsum(elements.counts), wrong[0], side="right"))
         vertex = elements.corners[wrong[0]] + file.first
         message = f"the {kind} refers to vertex {vertex} of {len(file.V)}, counted from {file.first}"
-        raise FileFormatError(file.path, _named(kind, elements, element, message), elements.line(element))
+        named = message if elements.lines is not None else f"{kind} {element}: {message}"
+        raise FileFormatError(file.path, named, elements.line(element))
 
 
-def triangle_fans(faces: Elements) -> tuple[np.ndarray, np.ndarray]:
-    """Cut every polygon into a fan of triangles around its first corner.
-
-    Parameters
-    ----------
-    faces : Elements
-        Each with three corners or more.
-
-    Returns
-    -------
-    F : (m, 3) int array
-        Triangles, in the order of their polygons, wound like them.
-    face : (m,) int array
-        The polygon that each triangle comes from.
+def without_repeats(elements: Elements) -> Elements:
+    """Elements without corners that repeat the one before them: some have few corners left, or none.
 
     Examples
     --------
-    >>> triangle_fans(Elements(np.array([0, 1, 2, 3]), np.array([4]), None))[0]
-    array([[0, 1, 2],
-           [0, 2, 3]])
+    >>> short = without_repeats(Elements(np.array([0, 1, 1, 2, 5, 6, 6]), np.array([4, 3]), None))
+    >>> short.corners.tolist(), short.counts.tolist()
+    ([0, 1, 2, 5, 6], [3, 2])
     """
-    fans = faces.counts - 2
-    face = np.repeat(np.arange(len(fans)), fans)
-    step = np.arange(len(face)) - np.repeat(np.cumsum(fans) - fans, fans)
-    start = (np.cumsum(faces.counts) - faces.counts)[face]
-    F = np.stack([faces.corners[start], faces.corners[start + step + 1], faces.corners[start + step + 2]], axis=1)
-    return F, face
-
-
-def _named(kind: str, elements: Elements, index: int, message: str) -> str:
-    return message if elements.lines is not None else f"{kind} {index}: {message}"
+    following = np.roll(elements.corners, -1)
+    last = (np.cumsum(elements.counts) - 1)[elements.counts > 0]
+    following[last] = elements.corners[last - elements.counts[elements.counts > 0] + 1]
+    kept = elements.corners != following
+    element = np.repeat(np.arange(len(elements.counts)), elements.counts)
+    counts = np.bincount(element[kept], minlength=len(elements.counts))
+    return Elements(elements.corners[kept], counts, elements.lines)
