@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from nilbs.io import FileFormatError, read_weights, write_weights
-from nilbs.io import weights as module
+from nilbs.io import npz as module
 
 
 def npy(header, values=b"", version=b"\1\0"):
@@ -75,7 +75,7 @@ def test_a_pickle_is_never_run(tmp_path):
 
 def test_npz_without_weights(tmp_path):
     np.savez(tmp_path / "a.npz", V=np.eye(2), F=np.eye(2))
-    with pytest.raises(FileFormatError, match=r"no array W, but F\.npy, V\.npy"):
+    with pytest.raises(FileFormatError, match="no array W, but 'F', 'V'"):
         read_weights(tmp_path / "a.npz")
     (tmp_path / "a.npz").write_text("hello")
     with pytest.raises(FileFormatError, match=r"a\.npz: damaged \.npz file"):

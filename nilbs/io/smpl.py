@@ -1,0 +1,130 @@
+"""Body models of the SMPL family as `.npz` files: the mean body, its joints and their weights."""
+
+import os
+
+import numpy as np
+
+from nilbs.geometry.skeleton import skeleton_of_joints
+from nilbs.io.errors import FileFormatError
+from nilbs.io.joints import joint_in_circle
+from nilbs.io.npz import NpzFile
+from nilbs.io.parts import Influences, Mesh, Parts
+
+_CORRECTIVES = ("posedirs", "shapedirs")
+_UNSIGNED = 2**31  # a parent from here on is -1 that lost its sign
+
+
+def read_smpl(path: str | os.PathLike) -> Parts:
+    """Read a body model: its mesh, skeleton and weights.
+
+    Parameters
+    ----------
+    path : str or path
+        A `.npz` file with `v_template` (n, 3), `f` (m, 3), `weights` (n, b), `kintree_table` (2, b), whose first row
+        holds the joints' parents, and the joints: `J_regressor` (b, n), which takes them from the vertices, as one
+        array or as scipy's `J_regressor_data`, `_indices`, `_indptr` and `_shape`, or else `J` (b, 3). Nothing in it
+        is ever run: no pickle is read.
+
+    Returns
+    -------
+    parts : Parts
+        The mean body at rest; bones are joints, called joint0, joint1, ..., for these files hold no names as text.
+        Notes say which correctives were left out.
+
+    Raises
+    ------
+    FileFormatError
+        If an array is missing, is a pickle, or does not fit the others, or joints run in a circle.
+    OSError
+        If the file cannot be read.
+
+    References
+    ----------
+    .. [1] Loper et al., SMPL: A skinned multi-person linear model, SIGGRAPH Asia 2015, doi:10.1145/2816795.2818013.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = tempfile.mkdtemp() + "/body.npz"
+    >>> body = {"v_template": np.eye(3), "f": [[0, 1, 2]], "weights": np.full((3, 2), 0.5)}
+    >>> np.savez(path, **body, J=np.eye(3)[:2], kintree_table=np.array([[2**32 - 1, 0], [0, 1]]))
+    >>> read_smpl(path).skeleton.P
+    array([-1,  0])
+    """
+    file = NpzFile(path)
+    V = _array(file, "v_template", (None, 3))
+    n = len(V)
+    weights = _array(file, "weights", (n, None))
+    b = weights.shape[1]
+    faces = _indices(file, "f", (None, 3), n, "vertices")
+    vertex, bone = np.nonzero(weights)
+    left_out = [name for name in _CORRECTIVES if name in file.names]
+    note = f"{' and '.join(left_out)} left out: the body bends by its weights alone, without correctives"
+    return Parts(
+        mesh=Mesh(V, faces),
+        skeleton=skeleton_of_joints(_joints(file, V, b), _parents(file, b), [f"joint{joint}" for joint in range(b)]),
+        influences=Influences(vertex, bone, weights[vertex, bone]),
+        notes=(note,) if left_out else (),
+    )
+
+
+def _array(file: NpzFile, name: str, shape: tuple[int | None, ...]) -> np.ndarray:
+    A = file.array(name)
+    fits = A.ndim == len(shape) and all(size in (None, got) for size, got in zip(shape, A.shape, strict=True))
+    if not fits or not A.size:
+        wanted = ", ".join("any" if size is None else str(size) for size in shape)
+        raise FileFormatError(file.path, f"{name} must be ({wanted}), this file holds {A.shape}")
+    return A
+
+
+def _indices(file: NpzFile, name: str, shape: tuple[int | None, ...], size: int, of: str) -> np.ndarray:
+    A = _array(file, name, shape)
+    bad = (A < 0) | (size <= A) | (A % 1 != 0)
+    if bad.any():
+        raise FileFormatError(file.path, f"{name} holds {A[bad][0]:g}, which is none of the {size} {of}")
+    return A.astype(np.int64)
+
+
+def _parents(file: NpzFile, b: int) -> np.ndarray:
+    parent, joint = _array(file, "kintree_table", (2, b))
+    column = {number: at for at, number in enumerate(joint.tolist())}
+    P = np.full(b, -1)
+    for at, number in enumerate(parent.tolist()):
+        if 0 <= number < _UNSIGNED:
+            if number not in column:
+                raise FileFormatError(file.path, f"kintree_table names the parent {number:g}, which is no joint")
+            P[at] = column[number]
+    circle = joint_in_circle(P)
+    if circle is not None:
+        raise FileFormatError(file.path, f"kintree_table makes joint {circle} its own ancestor")
+    return P
+
+
+def _joints(file: NpzFile, V: np.ndarray, b: int) -> np.ndarray:
+    n = len(V)
+    with np.errstate(over="ignore", invalid="ignore"):
+        if "J_regressor" in file.names:
+            J = _array(file, "J_regressor", (b, n)) @ V
+        elif "J_regressor_data" in file.names:
+            row, column, value = _sparse(file, b, n)
+            J = np.zeros((b, 3))
+            np.add.at(J, row, value[:, None] * V[column])
+        else:
+            J = _array(file, "J", (b, 3))
+    if not np.isfinite(J).all():
+        raise FileFormatError(file.path, "the joints are farther apart than numbers go")
+    return J
+
+
+def _sparse(file: NpzFile, b: int, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows, columns and values of J_regressor, stored by rows or by columns."""
+    if _array(file, "J_regressor_shape", (2,)).tolist() != [b, n]:
+        raise FileFormatError(file.path, f"J_regressor must be ({b}, {n})")
+    value = _array(file, "J_regressor_data", (None,))
+    ends = _indices(file, "J_regressor_indptr", (None,), len(value) + 1, "ends of a row")
+    if len(ends) not in (b + 1, n + 1) or ends[0] != 0 or ends[-1] != len(value) or (np.diff(ends) < 0).any():
+        raise FileFormatError(file.path, "J_regressor_indptr does not cut J_regressor_data into rows or columns")
+    by_rows = len(ends) == b + 1
+    index = _indices(file, "J_regressor_indices", (len(value),), n if by_rows else b, "vertices or joints")
+    stored = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
+    return (stored, index, value) if by_rows else (index, stored, value)
