@@ -9,7 +9,7 @@ import numpy as np
 
 from nilbs.geometry.simplex import weights_on_simplex
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.io.parts import Clip, Mesh, Parts
+from nilbs.io.parts import Clip, Mesh, Parts, select_group
 
 if TYPE_CHECKING:
     from nilbs.character import Character
@@ -206,9 +206,8 @@ def fit_together(
         raise FileFormatError(rig_path, f"the file holds {what}")
     files = " and ".join(map(str, dict.fromkeys([str(mesh_path), str(rig_path)]))).replace(" and ", " with ")
     files += "" if weights_path is None else f" and {weights_path}"
-    kept, E = chosen_faces(mesh_path, mesh, group)
-    V = _flat_if_flat(mesh.V[kept])
     try:
+        V, E, kept = whole_or_group(mesh, group)
         skeleton = in_dimension(skeleton, V.shape[1])
         W = None
         if weights_path is not None:
@@ -227,45 +226,40 @@ def fit_together(
     return RiggedMesh(Path(mesh_path).stem, files, V, E, skeleton, W, from_rig.clips)
 
 
-def chosen_faces(path: str | Path, mesh: Mesh, group: str | None) -> tuple[np.ndarray, np.ndarray]:
-    """Faces of one group, and the vertices that they use.
+def whole_or_group(mesh: Mesh, group: str | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices and faces of a mesh or of one of its groups, in the plane where that is flat.
 
     Parameters
     ----------
-    path : path
-        The mesh's file, for the error message.
     mesh : Mesh
     group : str, optional
-        All faces and all vertices by default.
+        All by default.
 
     Returns
     -------
-    kept : (n',) int array
-        Numbers in the file of the vertices that stay, in order.
+    V : (n', d) float array
+        d is 2 where all z are 0.
     E : (m', 3) int array
-        Faces of the group, indices into those.
+        Indices into V.
+    kept : (n',) int array
+        Where the vertices stand in the whole mesh.
 
     Raises
     ------
-    FileFormatError
-        If the mesh has no such group or the group no face.
+    ValueError
+        If there is no such group.
 
     Examples
     --------
-    >>> mesh = Mesh(np.eye(4)[:, :3], np.array([[0, 1, 2], [3, 2, 1]]), {"back": np.array([1])})
-    >>> chosen_faces("a.obj", mesh, "back")[0].tolist()
-    [1, 2, 3]
+    >>> mesh = Mesh(np.array([[0, 0, 9.0], [0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2], [1, 2, 3]]))
+    >>> whole_or_group(mesh, None)[0].shape
+    (4, 3)
+    >>> V, _, kept = whole_or_group(Mesh(mesh.V, mesh.E, {"floor": np.array([1])}), "floor")
+    >>> V.shape, kept.tolist()
+    ((3, 2), [1, 2, 3])
     """
-    from nilbs.io.errors import FileFormatError
-
-    if group is None:
-        return np.arange(len(mesh.V)), mesh.E
-    faces = mesh.groups.get(group, np.zeros(0, np.int64))
-    if not len(faces):
-        known = ", ".join(list(mesh.groups)[:8]) + (", ..." if len(mesh.groups) > 8 else "")
-        raise FileFormatError(path, f"the mesh has no group {group!r} with faces, but {known or 'none at all'}")
-    kept, E = np.unique(mesh.E[faces], return_inverse=True)
-    return kept, E.reshape(len(faces), -1)
+    V, E, kept = (mesh.V, mesh.E, np.arange(len(mesh.V))) if group is None else select_group(mesh, group)
+    return V[:, :2].copy() if V.shape[1] == 3 and not V[:, 2].any() else V, E, kept
 
 
 def in_space(x: np.ndarray) -> np.ndarray:
@@ -277,10 +271,6 @@ def in_space(x: np.ndarray) -> np.ndarray:
     array([[1., 1., 0.]])
     """
     return x if x.shape[1] == 3 else np.hstack([x, np.zeros((len(x), 1))])
-
-
-def _flat_if_flat(V: np.ndarray) -> np.ndarray:
-    return V[:, :2].copy() if V.shape[1] == 3 and not V[:, 2].any() else V
 
 
 def _weights_of_file(path: str | Path, n: int, kept: np.ndarray, skeleton: Skeleton) -> np.ndarray:
@@ -308,8 +298,9 @@ def _painted_weights(path: str | Path, rig: Parts, mesh: Mesh, skeleton: Skeleto
     """Weights of the rig's file, where they are of this mesh."""
     assert rig.influences is not None
     if rig.mesh is not None and rig.mesh is not mesh and not _same_vertices(rig.mesh.V, mesh.V):
-        report(f"{path}: its weights are of its own mesh, which is another than the mesh given; they are left out")
+        report(f"{path}: its painted weights are of its own mesh, which is not the one given: they are left out")
         return None
+    report(f"{path}: its painted weights are used")
     return rig.influences.dense(len(mesh.V), len(skeleton.BE), path)
 
 

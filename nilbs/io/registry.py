@@ -83,8 +83,9 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
     ----------
     path : str or path
         `.obj`, `.ply`, `.off`, `.stl`: a mesh. `.tgf`: a rig. `.txt`: a rig with weights, as RigNet writes it.
-        `.mhskel`: a rig of MakeHuman. `.bvh`: a skeleton and its motion. `.glb`, `.gltf`, and `.fbx` where Blender is
-        installed: everything. `.npz` with `v_template`: a body model of the SMPL family.
+        `.mhskel`: a rig of MakeHuman, with the weights beside it that it names. `.bvh`: a skeleton and its motion.
+        `.glb`, `.gltf`, and `.fbx` where Blender is installed: everything. `.npz` with `v_template`: a body model of
+        the SMPL family.
     V : (n, 3) float array, optional
         Vertices of the whole mesh file that the rig was made for; the joints of `.mhskel` are means of these.
 
@@ -120,11 +121,7 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
         C, BE = read_tgf(path)
         return Parts(skeleton=Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE)))))
     if suffix == ".mhskel":
-        from nilbs.io.makehuman import read_mhskel
-
-        if V is None:
-            raise FileFormatError(path, "its joints are means of vertices of a mesh: give the mesh file too")
-        return Parts(skeleton=read_mhskel(path, V))
+        return _read_makehuman(path, V)
     if suffix in (".glb", ".gltf"):
         from nilbs.io.gltf import read_gltf
 
@@ -144,6 +141,18 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
     from nilbs.io.rignet import read_rignet
 
     return read_rignet(path)
+
+
+def _read_makehuman(path: str | os.PathLike, V: np.ndarray | None) -> Parts:
+    from nilbs.io.makehuman import read_mhskel, read_mhw, weights_file
+
+    if V is None:
+        raise FileFormatError(path, "its joints are means of vertices of a mesh: give the mesh file too")
+    skeleton, weights = read_mhskel(path, V), weights_file(path)
+    if weights is None:
+        return Parts(skeleton=skeleton)
+    note = f"it names {Path(weights).name}, which lies beside it, for its weights"
+    return Parts(skeleton=skeleton, influences=read_mhw(weights, skeleton.names), notes=(note,))
 
 
 def _is_body_model(path: str | os.PathLike) -> bool:
