@@ -10,9 +10,9 @@ import torch
 
 from nilbs.character import Character
 from nilbs.fields.cache import RestCache
-from nilbs.fields.extraction import field_surface
 from nilbs.fields.network import WeightNetwork
 from nilbs.fields.nilbs import FieldValues, NilbsField
+from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.kinematics import bone_order
 from nilbs.geometry.rotations import rigid_transforms, transform_points
@@ -187,7 +187,8 @@ class Model:
         contents = {f"field.{name}": tensor.cpu().numpy() for name, tensor in self.field.state_dict().items()}
         for name in ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume"):
             contents[f"character.{name}"] = getattr(self.character, name)
-        contents |= {"motion.B": self.motion.B, "motion.frames": self.motion.frames, "history": self.history}
+        contents |= {f"motion.{name}": getattr(self.motion, name) for name in ("B", "frames", "times")}
+        contents["history"] = self.history
         text = {
             "name": self.character.name,
             "bones": list(self.character.names),
@@ -241,9 +242,9 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         part = {name.removeprefix("character."): a for name, a in contents.items() if name.startswith("character.")}
         character = Character(name=str(text["name"]), names=tuple(map(str, text["bones"])), **part)
         check_character(character)
-        motion = Motion(contents["motion.B"], contents["motion.frames"], str(text["motion"]))
-        if motion.B.shape[1:] != (len(character.BE), character.d + 1, character.d + 1):
-            raise ValueError(f"the motion has shape {motion.B.shape}, which does not fit the bones")
+        # Files of before motions had times hold none.
+        moved = {name: contents[f"motion.{name}"] for name in ("B", "frames", "times") if f"motion.{name}" in contents}
+        motion = Motion(**moved, source=str(text["motion"]), skeleton=character.skeleton)
         settings = Settings.from_mapping(text["settings"])
         state = {name.removeprefix("field."): a for name, a in contents.items() if name.startswith("field.")}
         values, origin = state["cache.values"], state["cache.origin"]

@@ -140,7 +140,8 @@ def check_rig_fits(V: np.ndarray, skeleton: Skeleton) -> None:
         raise ValueError(f"the rig lies outside the mesh: {boxes}; bring both to the same unit and frame")
     if len(C) > 2 and extent < SMALLEST_RIG * size:
         raise ValueError(
-            f"the rig is {size / max(extent, 1e-300):.3g} times smaller than the mesh: {boxes}; bring both to the same unit"
+            f"the rig is {size / max(extent, 1e-300):.3g} times smaller than the mesh: {boxes}; "
+            "bring both to the same unit"
         )
     if extent > size / SMALLEST_RIG:
         raise ValueError(
@@ -167,7 +168,8 @@ def _told(known: BoneConditions, skeleton: Skeleton) -> list[str]:
     names, notes = skeleton.names, []
     if len(known.outside):
         notes.append(
-            f"{len(known.outside)} bones have no place inside and hold the nearest one: {described(known.outside, names)}"
+            f"{len(known.outside)} bones have no place inside and hold the nearest one: "
+            f"{described(known.outside, names)}"
         )
     if len(known.away):
         notes.append(f"{len(known.away)} bones lie far from the mesh and move nothing: {described(known.away, names)}")

@@ -1,4 +1,4 @@
-"""The volume in which weights are solved: the mesh's own inside where it is a clean solid, else one wrapped around it."""
+"""The volume in which weights are solved: the inside of a mesh that is a clean solid, else one wrapped around it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -77,8 +77,8 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray) -> Domain:
     --------
     >>> sheet = [[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0]]
     >>> domain = volume_domain(sheet, [[0, 1, 2], [0, 2, 3]], [[0.5, 0.5, 0.1]])
-    >>> domain.notes[0]
-    'the mesh is not a clean solid (4 edges belong to one triangle only): weights are solved in a volume wrapped around it'
+    >>> print(domain.notes[0])
+    the mesh is not a clean solid (1 hole): weights are solved in a volume wrapped around it
     """
     V, E, points = arrays(V=(V, "n d"), E=(E, "m 3", int), points=(points, "s d"))
     check_indices("E", E, len(V), "vertices")

@@ -157,8 +157,7 @@ def bone_conditions(
     """
     from scipy.spatial import cKDTree
 
-    V, vertices = arrays(V=(V, "n d"), vertices=(vertices, "u", int))
-    x, bone = arrays(x=(x, "s d"), bone=(bone, "s", int))
+    V, vertices, x, bone = arrays(V=(V, "n d"), vertices=(vertices, "u", int), x=(x, "s d"), bone=(bone, "s", int))
     distance, nearest = cKDTree(V[vertices]).query(x)
     held = inside & (distance <= snap)
     without = np.ones(bones, dtype=bool)

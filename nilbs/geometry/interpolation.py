@@ -69,8 +69,9 @@ def facet_values(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: np.ndarray
     >>> facet_values([[0, 0], [4, 0]], [[0, 1]], [[0.0], [1.0]], [[1, 0]], [0])
     array([[0.25]])
     """
-    V, F, values = arrays(V=(V, "n d"), F=(F, "m d", int), values=(values, "n k"))
-    x, facet = arrays(x=(x, "p d"), facet=(facet, "p", int))
+    V, F, values, x, facet = arrays(
+        V=(V, "n d"), F=(F, "m d", int), values=(values, "n k"), x=(x, "p d"), facet=(facet, "p", int)
+    )
     check_indices("facet", facet, len(F), "facets")
     corners = V[F[facet]]
     edges = corners[:, 1:] - corners[:, :1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 from nilbs.geometry.volume import element_volumes
 
 

@@ -11,7 +11,7 @@ from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.sampling import facet_samples
 from nilbs.geometry.validation import arrays, check_indices
 
-# Half the thickness, in cells, that parts without volume are given: above sqrt(3)/2 a sheet at any angle holds together.
+# Half the thickness, in cells, that parts without volume are given: above sqrt(3)/2 any sheet holds together.
 THICKNESS = 0.9
 # Standard deviation, in cells, of the blur that takes off the stairs where the winding number passes one half in the
 # open: decimation folds over them. A sheet of that thickness survives it.

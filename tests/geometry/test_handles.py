@@ -1,92 +1,167 @@
-import igl
 import numpy as np
 import pytest
 
-from nilbs.geometry.handles import bone_conditions, bone_samples
+from nilbs.geometry.handles import BoneConditions, bone_conditions, bone_points, described, distinct_points
+from nilbs.geometry.skeleton import Skeleton
+
+LINE = np.array([[0.0, 0], [1, 0], [2, 0], [3, 0], [4, 0], [0, 3], [4, 3]])
+EVERY = np.arange(len(LINE))
 
 
-def rigged_points(d: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A branching skeleton and shuffled points, some on its bones and some beside."""
-    C = np.array([[0, 0, 0], [1, 0, 0], [1.5, 1, 0.5], [2, -0.5, -0.5], [0, 1, 1.0]])[:, :d]
-    BE = np.array([[0, 1], [1, 2], [1, 3], [0, 4]])
-    on = bone_samples(C, BE, 4)
-    off = on[rng.integers(0, len(on), 30)] + rng.uniform(0.01, 0.5, (30, 1)) * rng.choice([-1, 1], (30, d))
-    return rng.permutation(np.concatenate([on, off])), C, BE
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_joints_once_and_points_between_evenly(d: int, rng: np.random.Generator) -> None:
-    C = rng.normal(size=(5, d))
-    x = bone_samples(C, [[0, 1], [1, 3]], 3)  # joints 2 and 4 belong to no bone
-    np.testing.assert_array_equal(x[:3], C[[0, 1, 3]])
-    for k, (first, second) in enumerate([(0, 1), (1, 3)]):
-        for i in range(3):
-            s = (i + 1) / 4
-            np.testing.assert_allclose(x[3 + 3 * k + i], C[first] + s * (C[second] - C[first]))
-    assert len(x) == 9
-    assert len(bone_samples(C, [[0, 1]], 0)) == 2
-    assert bone_samples(C, np.zeros((0, 2)), 3).shape == (0, d)
+def conditions(x: list, bone: list[int], *, inside: bool | list[bool] = True, **changes: float) -> BoneConditions:
+    """What points hold on a line of vertices."""
+    given = {"bones": max(bone) + 1, "snap": 0.1, "reach": 1.0, "vertices": EVERY} | changes
+    vertices = given.pop("vertices")
+    return bone_conditions(LINE, vertices, x, bone, np.broadcast_to(inside, len(x)), **given)
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_conditions_are_those_of_libigl(d: int, rng: np.random.Generator) -> None:
-    V, C, BE = rigged_points(d, rng)
-    fixed, W_fixed = bone_conditions(V, C, BE)
-    no = np.zeros((0, 1), dtype=np.int64)
-    # libigl reads three coordinates, and T only for its size.
-    flat = [np.pad(points, ((0, 0), (0, 3 - d))) for points in (V, C)]
-    b, bc = igl.boundary_conditions(
-        flat[0], np.zeros((1, 4), dtype=np.int64), flat[1], no[:, 0], BE, np.zeros((0, 2), dtype=np.int64), no
+def test_joints_exactly_and_points_between_evenly(d: int, rng: np.random.Generator) -> None:
+    C = rng.normal(size=(4, d))
+    skeleton = Skeleton(C, [[0, 1], [1, 3], [2, 2]], [-1, 0, 0], "abc")
+    length = np.linalg.norm(C[[1, 3]] - C[[0, 1]], axis=1)
+    x, bone = bone_points(skeleton, spacing=length[0] / 3.5)
+    np.testing.assert_array_equal(x[:6], C[[0, 1, 2, 1, 3, 2]])
+    np.testing.assert_array_equal(bone[:6], [0, 1, 2, 0, 1, 2])
+    for b, (first, second) in enumerate([(0, 1), (1, 3)]):
+        inner = x[6:][bone[6:] == b]
+        n = len(inner) + 1
+        # As few as leave no gap wider than the spacing.
+        assert n == min(np.ceil(3.5 * length[b] / length[0]), 11)
+        np.testing.assert_allclose(inner, C[first] + np.arange(1, n)[:, None] / n * (C[second] - C[first]), atol=1e-12)
+    assert not (bone[6:] == 2).any()
+
+
+def test_no_more_points_on_a_long_bone_than_are_allowed() -> None:
+    skeleton = Skeleton([[0, 0], [1, 0]], [[0, 1]], [-1], ["arm"])
+    assert len(bone_points(skeleton, spacing=1e-9)[0]) == 2 + 10
+    assert len(bone_points(skeleton, spacing=1e-9, most=3)[0]) == 2 + 3
+    assert len(bone_points(skeleton, spacing=1.0)[0]) == 2
+
+
+def test_a_fork_holds_points_of_its_bone() -> None:
+    skeleton = Skeleton([[0, 0], [2, 0], [0, 2]], [[0, 1], [2, 2]], [-1, 0], "ab", [[0, 2]])
+    x, bone = bone_points(skeleton, spacing=1.0)
+    for place in ([0, 0], [2, 0], [0, 2], [1, 0], [0, 1]):
+        assert ((x == place).all(axis=1) & (bone == 0)).any()
+    assert x[bone == 1].tolist() == [[0, 2], [0, 2]]
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_points_that_are_kept_lie_apart_and_near_every_one_that_is_not(d: int, rng: np.random.Generator) -> None:
+    x = rng.uniform(size=(300, d))
+    kept = distinct_points(x, 0.2)
+    slow: list[int] = []
+    for i, point in enumerate(x):
+        if not slow or np.linalg.norm(x[slow] - point, axis=1).min() > 0.2:
+            slow.append(i)
+    assert kept.tolist() == slow
+    assert 3 < len(kept) < 250
+    assert distinct_points(np.zeros((0, d)), 0.2).tolist() == []
+
+
+def test_points_hold_the_vertices_that_they_lie_on() -> None:
+    known = conditions([[0, 0], [1.05, 0], [3, 0], [3.99, 0]], [0, 0, 1, 1])
+    np.testing.assert_array_equal(known.fixed, [0, 1, 3, 4])
+    np.testing.assert_array_equal(known.W_fixed, [[1, 0], [1, 0], [0, 1], [0, 1]])
+    assert known.outside.tolist() == known.away.tolist() == []
+
+
+def test_bones_that_hold_one_vertex_share_it_equally() -> None:
+    # Bones 0 and 1 meet at vertex 1 in several points each; bone 2 lies on top of bone 0.
+    x = [[0, 0], [1, 0], [1.01, 0], [1, 0], [0.99, 0], [2, 0], [0, 0], [1, 0]]
+    known = conditions(x, [0, 0, 0, 1, 1, 1, 2, 2])
+    np.testing.assert_array_equal(known.fixed, [0, 1, 2])
+    np.testing.assert_allclose(known.W_fixed, [[0.5, 0, 0.5], [1 / 3, 1 / 3, 1 / 3], [0, 1, 0]])
+    np.testing.assert_allclose(known.W_fixed.sum(axis=1), 1, atol=1e-15)
+
+
+def test_a_point_too_far_from_any_vertex_holds_none() -> None:
+    known = conditions([[0, 0], [0.5, 0], [3, 0]], [0, 0, 1])
+    np.testing.assert_array_equal(known.fixed, [0, 3])
+    # With a longer snap it does, though it is no further inside; one of the two that are as near.
+    assert len(conditions([[0, 0], [0.5, 0.02], [0.6, 0], [3, 0]], [0, 0, 0, 1], snap=0.5).fixed) == 3
+
+
+def test_a_bone_inside_but_far_from_any_vertex_takes_the_nearest() -> None:
+    known = conditions([[0, 0], [2.3, 0.2]], [0, 1])
+    np.testing.assert_array_equal(known.fixed, [0, 2])
+    np.testing.assert_array_equal(known.W_fixed, np.eye(2))
+    assert known.outside.tolist() == [1]
+
+
+def test_a_bone_outside_holds_the_nearest_places_and_is_told() -> None:
+    # Bone 1 runs along the line at some distance: it holds all that is about as near as the nearest, not its far end.
+    known = conditions(
+        [[0, 0], [2, -0.5], [3, -0.52], [4, -0.5], [4, -0.95]], [0, 1, 1, 1, 1], inside=[True] + 4 * [False]
     )
-    assert 15 < len(fixed) < len(V)
-    order = np.argsort(b)
-    np.testing.assert_array_equal(fixed, b[order])
-    np.testing.assert_allclose(W_fixed, bc[order], atol=1e-15)
+    np.testing.assert_array_equal(known.fixed, [0, 2, 3, 4])
+    np.testing.assert_array_equal(known.W_fixed, [[1, 0], [0, 1], [0, 1], [0, 1]])
+    assert known.outside.tolist() == [1]
+    assert known.away.tolist() == []
+    far_end = conditions([[0, 0], [2, -0.5], [3, -0.9]], [0, 1, 1], inside=[True, False, False])
+    np.testing.assert_array_equal(far_end.fixed, [0, 2])
+
+
+def test_a_bone_partly_outside_holds_only_what_is_inside() -> None:
+    known = conditions([[0, 0], [1, 0], [2, 0.3], [3, 0.05]], [0, 1, 1, 1], inside=[True, True, False, False])
+    np.testing.assert_array_equal(known.fixed, [0, 1])
+    assert known.outside.tolist() == []
+
+
+def test_a_bone_beyond_the_reach_holds_nothing_and_is_told() -> None:
+    x = [[0, 0], [2, -1.2], [4, -0.8]]
+    known = conditions(x, [0, 1, 2], inside=[True, False, False])
+    np.testing.assert_array_equal(known.fixed, [0, 4])
+    np.testing.assert_array_equal(known.W_fixed, [[1, 0, 0], [0, 0, 1]])
+    assert (known.outside.tolist(), known.away.tolist()) == ([2], [1])
+    # The reach is a matter of choice.
+    assert conditions(x, [0, 1, 2], inside=[True, False, False], reach=1.3).outside.tolist() == [1, 2]
+    none = conditions(x, [0, 1, 2], inside=False, reach=-1.0)
+    assert none.fixed.tolist() == none.outside.tolist() == []
+    assert none.W_fixed.shape == (0, 3)
+    assert none.away.tolist() == [0, 1, 2]
+
+
+def test_a_bone_without_points_is_away() -> None:
+    assert conditions([[0, 0], [1, 0]], [0, 0], bones=3).away.tolist() == [1, 2]
+
+
+def test_only_some_vertices_may_be_held() -> None:
+    known = conditions([[0, 0], [2, 0]], [0, 1], vertices=np.array([5, 1, 4]), reach=9.0)
+    np.testing.assert_array_equal(known.fixed, [1])
+    np.testing.assert_array_equal(known.W_fixed, [[0.5, 0.5]])
+    assert known.outside.tolist() == [0, 1]
 
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize(("scale", "shift"), [(1e-9, 0), (1e9, 0), (1, 1e4)])
-def test_neither_unit_nor_place_changes_the_conditions(
+def test_neither_unit_nor_place_changes_what_is_held(
     d: int, scale: float, shift: float, rng: np.random.Generator
 ) -> None:
-    V, C, BE = rigged_points(d, rng)
-    fixed, W_fixed = bone_conditions(V, C, BE)
-    moved = bone_conditions(scale * V + shift, scale * C + shift, BE)
-    np.testing.assert_array_equal(moved[0], fixed)
-    np.testing.assert_array_equal(moved[1], W_fixed)
+    V, x = rng.uniform(size=(60, d)), rng.uniform(-0.5, 1.5, size=(40, d))
+    bone, inside = np.repeat(np.arange(8), 5), ((x > 0) & (x < 1)).all(axis=1)
+    every = np.arange(60)
+    known = bone_conditions(V, every, x, bone, inside, bones=8, snap=0.1, reach=0.3)
+    moved = bone_conditions(
+        scale * V + shift, every, scale * x + shift, bone, inside, bones=8, snap=0.1 * scale, reach=0.3 * scale
+    )
+    for name, value in vars(known).items():
+        np.testing.assert_array_equal(getattr(moved, name), value)
+    assert 5 < len(known.fixed) < 40
 
 
-def test_bones_that_meet_share_their_joint_equally() -> None:
-    C, BE = [[0, 0], [1, 0], [2, 0], [1, 1]], [[0, 1], [1, 2], [1, 3]]
-    fixed, W_fixed = bone_conditions([[5, 5], [1, 1], [1, 0], [0.5, 0], [2, 0]], C, BE)
-    np.testing.assert_array_equal(fixed, [1, 2, 3, 4])
-    np.testing.assert_allclose(W_fixed, [[0, 0, 1], [1 / 3, 1 / 3, 1 / 3], [1, 0, 0], [0, 1, 0]])
-
-
-@pytest.mark.parametrize(
-    ("C", "BE"),
-    [
-        ([[0, 0], [1, 0], [5, 5], [5, 6]], [[0, 1], [2, 3]]),  # outside
-        ([[0, 0], [1, 0], [0, 0], [1, 0], [0, 0], [1, 0]], [[0, 1], [2, 3], [4, 5]]),  # on top of each other
-    ],
-)
-def test_a_bone_that_owns_no_vertex_is_named(C: list, BE: list) -> None:
-    weak = 1 if len(BE) == 2 else 0
-    first, second = BE[weak]
-    message = rf"^bone {weak} \(joints {first} and {second}\) holds no vertex of the volume mesh: it lies outside"
-    with pytest.raises(ValueError, match=message):
-        bone_conditions([[0, 0], [1, 0], [0.5, 0.5]], C, BE)
-
-
-def test_no_vertices_hold_no_bone() -> None:
-    with pytest.raises(ValueError, match="bone 0"):
-        bone_conditions(np.zeros((0, 2)), [[0, 0], [1, 0]], [[0, 1]])
+def test_names_for_a_sentence() -> None:
+    assert described([2], "abcdefgh") == "c"
+    assert described(np.arange(5), "abcdefgh") == "a, b, c, d, e"
+    assert described(range(7), "abcdefgh") == "a, b, c, d, e and 2 more"
+    assert described(range(7), "abcdefgh", most=1) == "a and 6 more"
 
 
 def test_sizes_that_disagree_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"^C must be \(k, d\) = \(2, 2\), got \(2, 3\)$"):
-        bone_conditions(np.zeros((4, 2)), np.zeros((2, 3)), [[0, 1]])
-    for call in (lambda BE: bone_conditions(np.zeros((4, 2)), np.zeros((2, 2)), BE),
-                 lambda BE: bone_samples(np.zeros((2, 2)), BE, 1)):  # fmt: skip
-        with pytest.raises(ValueError, match=r"^BE\[0\] = \[0, 2\] does not index the 2 joints$"):
-            call([[0, 2]])
+    with pytest.raises(ValueError, match=r"^x must be \(s, d\) = \(2, 2\), got \(2, 3\)$"):
+        conditions(np.zeros((2, 3)), [0, 0])
+    with pytest.raises(ValueError, match=r"^bone must be \(s,\) = \(2,\), got \(3,\)$"):
+        conditions(np.zeros((2, 2)), [0, 0, 0])
+    with pytest.raises(ValueError, match=r"^x must be \(s, d\)"):
+        distinct_points(np.zeros(3), 0.1)
