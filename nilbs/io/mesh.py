@@ -112,7 +112,9 @@ def read_mesh_parts(path: str | os.PathLike) -> Mesh:
     solid = (F[:, [1, 2, 0]] != F).all(axis=1)  # a polygon may come back to a corner
     F, face = F[solid], face[solid]
     if not len(F):
-        raise FileFormatError(path, "the file holds no face" + " with three different corners" * bool(len(solid)))
+        raise FileFormatError(
+            path, "the file holds no face" + " with three different corners" * bool(len(faces.counts))
+        )
     if flat:
         turned = _turns(V, F) < 0
         F[turned] = F[turned][:, [0, 2, 1]]

@@ -62,14 +62,15 @@ def _rows(path: str | os.PathLike) -> Iterator[_Row]:
 
 def _counts(path: str | os.PathLike, rows: Iterator[_Row]) -> tuple[int, int]:
     number, words = next(rows, (1, [b""]))
-    keyword = _KEYWORD.match(words[0].removeprefix(codecs.BOM_UTF8))
+    word = words[0].removeprefix(codecs.BOM_UTF8)
+    keyword = _KEYWORD.match(word)
     if keyword is None:
         raise FileFormatError(path, "this is no OFF file: it does not start with 'OFF'", number)
     if keyword[2] or keyword[3]:
         raise FileFormatError(path, "an OFF file of more than three dimensions", number)
     if b"BINARY" in words:
         raise FileFormatError(path, "binary OFF is not read: save the mesh as text, or as PLY", number)
-    glued = words[0][keyword.end() - len(words[0]) :] if keyword.end() < len(words[0]) else b""
+    glued = word[keyword.end() :]
     words = [glued] * bool(glued) + words[1:]  # some write the counts into the first line, even without a space
     if not words:
         number, words = next(rows, (number, []))
@@ -106,7 +107,7 @@ def _faces(path: str | os.PathLike, rows: Iterator[_Row], m: int, last: int) -> 
         at: list[int] = []
         for number, words in islice(rows, min(_ROWS, m - found)):
             size = int(words[0]) if words[0].isdigit() and len(words[0]) < 19 else len(words)
-            if size >= len(words):
+            if not 0 < size < len(words):
                 raise FileFormatError(path, "a face is a number of corners, and so many vertices", number)
             words_of += words[1 : 1 + size]
             sizes.append(size)

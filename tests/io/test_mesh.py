@@ -4,7 +4,10 @@ import struct
 import numpy as np
 import pytest
 
+from nilbs.geometry.facets import is_watertight
 from nilbs.io import FileFormatError, read_mesh, write_mesh
+from nilbs.io.mesh import read_mesh_parts
+from nilbs.io.parts import Mesh, select_group
 
 TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 SIDES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -59,10 +62,10 @@ def test_round_trip_is_exact(tmp_path, rng, suffix, kind):
 @pytest.mark.parametrize("suffix", [".obj", ".ply"])
 def test_flat_triangles_are_turned_counter_clockwise(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
-    write_mesh(path, [[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 2, 1], [1, 3, 2], [0, 0, 1]])
+    write_mesh(path, [[0, 0], [1, 0], [0, 1], [1, 1]], [[0, 2, 1], [1, 3, 2], [0, 3, 3], [0, 0, 1]])
     V, T = read_mesh(path)
     a, b = V[T[:, 1]] - V[T[:, 0]], V[T[:, 2]] - V[T[:, 0]]
-    assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).tolist() == [1, 1, 0]
+    assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).tolist() == [1, 1]
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply"])
@@ -129,8 +132,9 @@ def test_obj_polyline_is_its_edges(obj):
         ("v 0 0 nan\n", ":1: 'nan' is not a finite number"),
         ("v 0 0 1\n\nv 0 -inf 0\n", ":3: '-inf' is not a finite number"),
         ("v 0 0 1e999\n", ":1: '1e999' is not a finite number"),
-        ("v 0 0 1\nv 1 0 0\nf 1 2\n", ":3: a face needs 3 corners, this one has 2"),
-        ("v 0 0 1\nf\n", ":2: a face needs 3 corners, this one has 0"),
+        ("v 0 0 1\nv 1 0 0\nf 1 2\n", ": the file holds no face with three different corners"),
+        ("v 0 0 1\nf\n", ": the file holds no face with three different corners"),
+        ("v 0 0 1\nv 1 0 0\nf 1 2 1 2\n", ": the file holds no face with three different corners"),
         ("v 0 0 1\nv 1 0 0\nf 1 2 3\n", ":3: the face refers to vertex 3 of 2, counted from 1"),
         ("v 0 0 1\nv 1 0 0\nf 1 2 -3\n", ":3: the face refers to vertex 0 of 2, counted from 1"),
         ("v 0 0 1\nv 1 0 0\nf 1 0 2\n", ":3: '0' is not a vertex index; vertices count from 1"),
@@ -138,14 +142,15 @@ def test_obj_polyline_is_its_edges(obj):
         ("v 0 0 1\nf 1 1.5 1\n", ":2: '1.5' is not a vertex index"),
         ("v 0 0 1\nf 1 1_0 1\n", ":2: '1_0' is not a vertex index"),
         ("v 0 0 1\nf 1 1 9" + "9" * 30, ":2: '9"),
-        ("v 0 0 0\nl 1\n", ":2: an edge needs 2 corners"),
+        ("v 0 0 0\nl 1\n", ": the file holds no face"),
+        ("v 0 0 0\nl 1 1\n", ": the file holds no face"),
         ("v 0 0 0\nl 1 2\n", ":2: the edge refers to vertex 2"),
         ("v 0 0 1\nf 1 1 \\\n", ": the file ends in the middle of a statement"),
         ("v 0 0 1\n", ": the file holds no face"),
         ("v 0 0 1\nv 1 1 1\nl 1 2\n", ": the file holds no face"),
         ("hello\n", ": the file holds no vertex"),
         ("v 0 0 1\nf 1 1 1\n\0", ":3: binary data where text was expected"),
-        ("v 0 0 0\nv 2 0 0\nv 1 1 0\nv 2 2 0\nf 1 2 3\nf 2 3 4 1", ":6: this polygon is not convex"),
+        ("v 0 0 0\nv 2 0 0\nv 0 1 0\nv 2 3 0\nf 1 2 3\nf 1 2 3 4", ":6: this polygon crosses itself"),
     ],
 )
 def test_obj_errors_name_file_and_line(obj, text, message):
@@ -165,7 +170,7 @@ def test_ply_forms(ply, form, mixed):
         "element edge 1\nproperty int vertex1\nproperty int vertex2\nproperty uchar c"
     )
     faces = [(0.5, [0, 1, 3, 2], [1.5]) if mixed else (0.5, [0, 1, 3], [1.5, 2]), (0.25, [3, 2, 1], [3.5, 4])]
-    V = [(255, 0.1, 1.5, 7), (0, 1e300, 0, -1), (0, 0.5, 2, 3), (9, 4, 5, 6)]
+    V = [(255, 0.1, 1.5, 7), (0, 3.25, 0, -1), (0, 0.5, 2, 3), (9, 4, 5, 6)]
     if form == "ascii":
         rows = "1\n" + "".join(" ".join(map(str, row)) + "\n" for row in V)
         rows += "".join(f"{q} {len(f)} {' '.join(map(str, f))} {len(u)} {' '.join(map(str, u))}\n" for q, f, u in faces)
@@ -177,8 +182,9 @@ def test_ply_forms(ply, form, mixed):
             rows += struct.pack(f"{o}fB{len(f)}Ib{len(u)}f", q, len(f), *f, len(u), *u)
         rows += struct.pack(o + "iiB", 0, 1, 7)
     U, F = ply(header, rows, form)
-    assert U.tolist() == [[0.1, 1.5, 7], [1e300, 0, -1], [0.5, 2, 3], [4, 5, 6]]
-    assert F.tolist() == ([[0, 1, 3], [0, 3, 2], [3, 2, 1]] if mixed else [[0, 1, 3], [3, 2, 1]])
+    assert U.tolist() == [[0.1, 1.5, 7], [3.25, 0, -1], [0.5, 2, 3], [4, 5, 6]]
+    # The quad is concave at its fourth corner, vertex 2.
+    assert F.tolist() == ([[1, 3, 2], [1, 2, 0], [3, 2, 1]] if mixed else [[0, 1, 3], [3, 2, 1]])
 
 
 def test_ply_rows_are_read_in_blocks(ply, monkeypatch):
@@ -202,7 +208,7 @@ def test_ply_rows_are_read_in_blocks(ply, monkeypatch):
         (VERTEX.format(0), "", ": the file holds no vertex"),
         (VERTEX.format(1) + "\n" + FACE.format(1), "0 0 1\n3 0 0 1\n", ":11: the face refers to vertex 1 of 1"),
         (VERTEX.format(1) + "\n" + FACE.format(1), "0 0 1\n3 0 0 -1\n", ":11: the face refers to vertex -1 of 1"),
-        (VERTEX.format(1) + "\n" + FACE.format(1), "0 0 1\n2 0 0\n", ":11: a face needs 3 corners"),
+        (VERTEX.format(1) + "\n" + FACE.format(1), "0 0 1\n2 0 0\n", ": the file holds no face with three"),
         (VERTEX.format(1) + "\n" + FACE.format(1), "0 0 1\n-1\n", ":11: this row of face has 1 words"),
         (VERTEX.format(1) + "\n" + FACE.format(1), "0 0 1\n9 0 0 0\n", ":11: this row of face has 4 words"),
         (VERTEX.format(1) + "\n" + FACE.format(1), "0 0 1\n3 0 0 0.5\n", ":11: this row of face holds a word"),
@@ -278,11 +284,112 @@ def test_real_meshes_as_igl_reads_them(data, name):
 
 
 def test_obj_reader_against_a_slow_twin(obj, rng):
-    V = rng.normal(size=(40, 3))
-    polygons = [rng.integers(1, 41, size=size).tolist() for size in rng.integers(3, 7, size=30)]
+    # Convex polygons, here of corners on a circle, are fans.
+    angle = np.sort(rng.uniform(0, 6, size=40))
+    V = np.stack([np.cos(angle), np.sin(angle), 1 + 0 * angle], axis=1)
+    polygons = [np.sort(rng.choice(40, size=size, replace=False)) + 1 for size in rng.integers(3, 7, size=30)]
     text = v(V) + "".join(f"f {' '.join(map(str, p))}\n" for p in polygons)
     twin = []
     for p in polygons:
         for i, j in itertools.pairwise(p[1:]):
             twin.append([p[0] - 1, i - 1, j - 1])
     assert obj(text)[1].tolist() == twin
+
+
+def test_obj_starts_with_a_byte_order_mark(obj):
+    V, F = obj(b"\xef\xbb\xbf" + (v(TETRAHEDRON) + "f 1 2 4\n").encode())
+    assert np.array_equal(V, TETRAHEDRON)
+    assert F.tolist() == [[0, 1, 3]]
+
+
+def test_faces_that_repeat_corners(mesh_of):
+    mesh = mesh_of(v(TETRAHEDRON) + "g a\nf 1 1 2\nf 1 2 2 4 4\ng b\nf 2 3\nf 1 2 1 3\nf 4 3 2\ng c\nf 2 2 2\n")
+    assert mesh.E.tolist() == [[0, 1, 3], [3, 2, 1]]
+    assert {name: faces.tolist() for name, faces in mesh.groups.items()} == {"a": [0], "b": [1]}
+    assert mesh.notes == ("4 of 6 faces have fewer than three different corners and are left out",)
+
+
+def test_a_polygon_in_space_that_crosses_itself_is_noted(mesh_of):
+    mesh = mesh_of("v 0 0 1\nv 2 0 1\nv 0 1 1\nv 2 3 1\nf 1 2 3\nf 1 2 3 4\n")
+    assert mesh.E.shape == (3, 3)
+    assert mesh.notes == ("1 polygons cross themselves or have too many corners to be cut well, in line 6 first",)
+
+
+def test_ply_that_crosses_itself_has_no_line(ply, tmp_path):
+    faces = struct.pack("<12f", 0, 0, 1, 2, 0, 1, 0, 1, 1, 2, 3, 1) + struct.pack("<B4i", 4, 0, 1, 2, 3)
+    ply(VERTEX.format(4) + "\n" + FACE.format(1), faces, "binary_little_endian")
+    assert read_mesh_parts(tmp_path / "a.ply").notes[0].endswith("to be cut well")
+
+
+@pytest.fixture
+def mesh_of(tmp_path):
+    def read(text):
+        path = tmp_path / "a.obj"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_mesh_parts(path)
+
+    return read
+
+
+FACES = "f 1 2 3\nf 1 2 3 4\n"
+
+
+@pytest.mark.parametrize(
+    ("statements", "groups"),
+    [
+        (FACES, {}),
+        ("g a\n" + FACES + "f 2 3 4\n", {"a": [0, 1, 2, 3]}),
+        ("g a b\n" + FACES + "g b\nf 2 3 4\n", {"a": [0, 1, 2], "b": [0, 1, 2, 3]}),
+        ("g a b\n" + FACES + "g\nf 2 3 4\n", {"a": [0, 1, 2], "b": [0, 1, 2]}),
+        ("g a\nf 1 2 3\ng b\nf 1 2 4\ng a\nf 2 3 4\ng never\n", {"a": [0, 2], "b": [1]}),
+        (
+            "o left arm\nf 1 2 3\ng skin\nf 1 2 4\no right arm\nf 2 3 4\n",
+            {"left arm": [0, 1], "skin": [1, 2], "right arm": [2]},
+        ),
+        ("o a\ng a a\nf 1 2 3\n", {"a": [0]}),
+        ("usemtl m\ns 1\ng a # of g b\nf 1 2 3\nusemtl n\nf 1 2 4\n", {"a": [0, 1]}),
+        ("g a \\\nb\nf 1 2 3\n", {"a": [0], "b": [0]}),
+        ("g a\r\nf 1 2 3\r\n", {"a": [0]}),
+        ("g Hüfte Бедро\nf 1 2 3\n", {"Hüfte": [0], "Бедро": [0]}),
+        ("g Hüfte\nf 1 2 3\n".encode("latin-1"), {"Hüfte": [0]}),
+        ("g a#1\nf 1 2 3\n", {"a#1": [0]}),
+    ],
+)
+def test_obj_groups_and_objects(mesh_of, statements, groups):
+    statements = statements if isinstance(statements, bytes) else statements.encode()
+    mesh = mesh_of(v(TETRAHEDRON).encode() + statements)
+    assert {name: faces.tolist() for name, faces in mesh.groups.items()} == groups
+
+
+def test_obj_groups_through_blocks_of_lines(mesh_of, monkeypatch):
+    monkeypatch.setattr("nilbs.io.bounded._BLOCK", 10)
+    mesh = mesh_of(v(TETRAHEDRON) + "g a\nf 1 2 3\nf 1 3 4\ng b\nf -1 -2 -3\n")
+    assert mesh.E.tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 1]]
+    assert {name: faces.tolist() for name, faces in mesh.groups.items()} == {"a": [0, 1], "b": [2]}
+
+
+def test_obj_that_puts_every_face_into_thousands_of_groups(mesh_of):
+    names = " ".join(f"g{i}" for i in range(2000))
+    with pytest.raises(FileFormatError, match="its faces are in 2000 groups each"):
+        mesh_of(v(TETRAHEDRON) + f"g {names}\n" + "f 1 2 3\n" * 2000)
+
+
+def test_select_group(mesh_of):
+    mesh = mesh_of(v(TETRAHEDRON) + "g low\nf 1 2 3\ng high\nf 4 3 2\n")
+    V, E, kept = select_group(mesh, "high")
+    assert kept.tolist() == [1, 2, 3]
+    assert np.array_equal(V, TETRAHEDRON[kept])
+    assert np.array_equal(kept[E], [[3, 2, 1]])
+    with pytest.raises(ValueError, match="no group 'head'; its groups are: 'low', 'high'"):
+        select_group(mesh, "head")
+
+
+def test_select_group_of_a_mesh_without_groups():
+    with pytest.raises(ValueError, match="no group 'body'; its groups are: none"):
+        select_group(Mesh(TETRAHEDRON, SIDES), "body")
+
+
+def test_makehuman_body(data):
+    V, E, kept = select_group(read_mesh_parts(data / "makehuman/base.obj"), "body")
+    assert (V.shape, E.shape, kept.max()) == ((13380, 3), (26756, 3), 13379)
+    assert is_watertight(E)
