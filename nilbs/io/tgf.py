@@ -5,10 +5,13 @@ import re
 
 import numpy as np
 
+from nilbs.geometry.kinematics import bone_parents
+from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
+from nilbs.io.names import listed
 
 _INDEX = re.compile(rb"\d{1,9}")
 _NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -28,13 +31,13 @@ def read_tgf(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     C : (k, 3) float array
         Joints in the file's order and units; z is 0 in a flat rig.
     BE : (b, 2) int array
-        Bones in the file's order: indices into C.
+        Bones in the file's order: indices into C. The joints of a bone may be at one place.
 
     Raises
     ------
     FileFormatError
         With the line, if a joint has no three finite coordinates or an index used before; if there is no bone, a bone
-        has an unknown joint or no length, a joint ends two bones, or bones run in a circle.
+        has an unknown joint, a joint ends two bones, or bones run in a circle.
     OSError
         If the file cannot be read.
 
@@ -73,12 +76,8 @@ def read_tgf(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     if not BE:
         raise FileFormatError(path, "the rig has no bone")
     bones = np.array(BE, np.int64)
-    positions = np.array(C)
-    for bone, number in zip(bones, lines, strict=True):
-        if (positions[bone[0]] == positions[bone[1]]).all():
-            raise FileFormatError(path, "a bone of no length: its two joints are one place", number)
     _check_tree(path, bones, list(joints), lines)
-    return positions, bones
+    return np.array(C), bones
 
 
 def write_tgf(path: str | os.PathLike, C: np.ndarray, BE: np.ndarray) -> None:
@@ -122,6 +121,61 @@ def write_tgf(path: str | os.PathLike, C: np.ndarray, BE: np.ndarray) -> None:
         file.write("#\n")
         file.writelines(f"{parent} {child}\n" for parent, child in (BE + 1).tolist())
         file.write("#\n")
+
+
+def write_tgf_skeleton(path: str | os.PathLike, skeleton: Skeleton) -> tuple[str, ...]:
+    """Write a skeleton, giving bones joints of their own where its parents do not follow from shared ones.
+
+    Parameters
+    ----------
+    path : str or path
+        The file.
+    skeleton : Skeleton
+        Written as it is where every bone but the roots starts at the joint where its parent, and no other bone, ends.
+
+    Returns
+    -------
+    notes : tuple of str
+        Sentences on the names and parents that the file does not hold.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> hat_apart = Skeleton([[0, 0], [0, 1], [0, 2], [0, 3]], [[0, 1], [2, 3]], [-1, 0], ["bone0", "bone1"])
+    >>> write_tgf_skeleton(tempfile.mkdtemp() + "/rig.tgf", hat_apart)
+    ("a .tgf file holds no parent that ends where its child does not start: read as roots: 'bone1'",)
+    """
+    C, BE = _shared_joints(skeleton)
+    write_tgf(path, C, BE)
+    notes = []
+    if any(name != f"bone{bone}" for bone, name in enumerate(skeleton.names)):
+        notes.append("a .tgf file holds no names: bones are read as bone0, bone1, ...")
+    lost = np.flatnonzero(bone_parents(BE) != skeleton.P)
+    if len(lost):
+        roots = listed([repr(skeleton.names[bone]) for bone in lost])
+        notes.append(f"a .tgf file holds no parent that ends where its child does not start: read as roots: {roots}")
+    return tuple(notes)
+
+
+def _shared_joints(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """Joints (k, d) and bones (b, 2) of which `bone_parents` gives the skeleton's parents, wherever places allow."""
+    C, BE, P = skeleton.C, skeleton.BE, skeleton.P
+    ends_once = (BE[:, 0] != BE[:, 1]).all() and len(np.unique(BE[:, 1])) == len(BE)
+    # The circle of two bones that start where the other ends is one of joints, not of parents.
+    start_at = np.isin(BE[:, 0], BE[:, 1])
+    if ends_once and (BE[start_at, 0] == BE[P[start_at], 1]).all() and (start_at == (P >= 0)).all():
+        return C, BE
+    # Joint t is where bone t ends; behind them come the joints where bones start that their parents do not lead to.
+    joined = (P >= 0) & (C[BE[:, 0]] == C[BE[P, 1]]).all(axis=1)
+    starts, place = np.unique(BE[~joined, 0], return_inverse=True)
+    bones = np.stack([P, np.arange(len(P))], axis=1)
+    bones[~joined, 0] = len(P) + place
+    return np.concatenate([C[BE[:, 1]], C[starts]]), bones
 
 
 def _joint(path: str | os.PathLike, words: list[bytes], line: int) -> tuple[int, list[float]]:
