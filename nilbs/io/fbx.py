@@ -1,0 +1,120 @@
+"""FBX files, by way of an installed Blender that turns them into GLB."""
+
+import os
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from nilbs.io.bounded import file_bytes
+from nilbs.io.errors import FileFormatError
+from nilbs.io.gltf import read_gltf
+from nilbs.io.gltf_document import printable
+from nilbs.io.parts import Parts
+
+_SECONDS = 600  # that Blender may take
+_BINARY = b"Kaydara FBX Binary"
+_NO_BLENDER = (
+    "reading FBX needs Blender, and no program `blender` is found: install it, name it in the environment variable "
+    "NILBS_BLENDER, or convert the file to .glb"
+)
+# Run by Blender's own Python. Which options there are depends on its version.
+_SCRIPT = """
+import sys
+import bpy
+
+source, target = sys.argv[sys.argv.index("--") + 1 :]
+bpy.ops.wm.read_factory_settings(use_empty=True)
+if "fbx" in dir(bpy.ops.import_scene):
+    bpy.ops.import_scene.fbx(filepath=source, use_image_search=False)
+else:
+    bpy.ops.wm.fbx_import(filepath=source)
+wanted = {
+    "export_format": "GLB",
+    "export_materials": "NONE",
+    "export_morph": False,
+    "export_all_influences": True,
+    "export_influence_nb": 32,
+}
+known = bpy.ops.export_scene.gltf.get_rna_type().properties.keys()
+bpy.ops.export_scene.gltf(filepath=target, **{name: value for name, value in wanted.items() if name in known})
+"""
+
+
+def read_fbx(path: str | os.PathLike) -> Parts:
+    r"""Read a character from an FBX file.
+
+    Parameters
+    ----------
+    path : str or path
+        A binary `.fbx` file.
+
+    Returns
+    -------
+    parts : Parts
+        What Blender's copy as GLB holds: mesh, skeleton, weights and motions, with lengths in metres and y up.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no Blender, neither as `blender` on the PATH nor where the environment variable NILBS_BLENDER says;
+        if the file is no binary FBX; or if Blender fails, with what it said last.
+    OSError
+        If the file cannot be read.
+
+    Notes
+    -----
+    Blender runs in the background with its factory settings, so that no add-on and no start-up file of the user takes
+    part, and is given ten minutes.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "dancer.fbx"
+    >>> _ = path.write_text("; FBX 7.3.0 project file")
+    >>> try:
+    ...     read_fbx(path)
+    ... except FileFormatError as error:
+    ...     print(error.message)
+    this is no binary FBX file, the only form that Blender reads
+    """
+    if not file_bytes(path).startswith(_BINARY):
+        raise FileFormatError(path, "this is no binary FBX file, the only form that Blender reads")
+    blender = os.environ.get("NILBS_BLENDER") or shutil.which("blender")
+    if not blender:
+        raise FileFormatError(path, _NO_BLENDER)
+    with TemporaryDirectory(prefix="nilbs-") as name:
+        folder = Path(name)
+        _convert(path, blender, folder)
+        try:
+            parts = read_gltf(folder / "copy.glb")
+        except FileFormatError as error:
+            raise FileFormatError(path, f"Blender's copy of it as GLB: {error.message}") from None
+    note = "read by way of Blender, which writes lengths in metres with y up"
+    return replace(parts, notes=(note, *parts.notes))
+
+
+def _convert(path: str | os.PathLike, blender: str, folder: Path) -> None:
+    """Have Blender write copy.glb to a folder."""
+    (folder / "convert.py").write_text(_SCRIPT)
+    options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "3"]
+    files = [os.path.abspath(path), os.fspath(folder / "copy.glb")]
+    command = [blender, *options, "--python", os.fspath(folder / "convert.py"), "--", *files]
+    with open(folder / "log", "w+b") as log:
+        try:
+            done = subprocess.run(
+                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=folder, timeout=_SECONDS, check=False
+            )
+        except OSError as error:
+            raise FileFormatError(path, f"Blender ({blender}) cannot be started: {error.strerror}") from None
+        except subprocess.TimeoutExpired:
+            raise FileFormatError(path, f"Blender was stopped: it took more than {_SECONDS} s") from None
+        if done.returncode or not (folder / "copy.glb").is_file():
+            log.seek(max(log.seek(0, os.SEEK_END) - 4000, 0))
+            said = [line for line in log.read().decode("utf-8", "replace").splitlines() if line.strip()]
+            # A report of Python's ends with the error; then Blender says that it quits.
+            errors = [line for line in said if "Error" in line] or said or ["nothing"]
+            raise FileFormatError(
+                path, f"Blender could not convert it, and said: {printable(errors[-1].strip()[:200])}"
+            )
