@@ -5,8 +5,8 @@ import pytest
 
 from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.handles import bone_conditions, bone_samples
 from nilbs.geometry.isosurface import isosurface
+from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.volume import boundary_facets, element_volumes
 
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
@@ -14,7 +14,8 @@ CUBE_F = np.array(
     [[0, 2, 1], [0, 3, 2], [4, 5, 6], [4, 6, 7], [0, 1, 5], [0, 5, 4],
      [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7]]
 )  # fmt: skip
-C, BE = np.array([[0.2, 0.5, 0.5], [0.5, 0.5, 0.5], [0.8, 0.6, 0.5]]), np.array([[0, 1], [1, 2]])
+POINTS = np.array([[0.2, 0.5, 0.5], [0.5, 0.5, 0.5], [0.8, 0.6, 0.5], [0.51, 0.5, 0.5]])
+NO_POINTS = np.zeros((0, 3))
 
 
 def turned(F: np.ndarray) -> set[tuple[int, ...]]:
@@ -22,25 +23,24 @@ def turned(F: np.ndarray) -> set[tuple[int, ...]]:
     return {tuple(np.roll(facet, -int(np.argmin(facet))).tolist()) for facet in F}
 
 
-def test_a_cube_is_filled_and_its_surface_and_bones_are_kept() -> None:
-    V, T = conforming_tetrahedra(CUBE, CUBE_F, C, BE, samples_per_bone=4)
+def test_a_cube_is_filled_and_its_surface_and_the_points_are_kept() -> None:
+    V, T = conforming_tetrahedra(CUBE, CUBE_F, POINTS)
     np.testing.assert_array_equal(V[:8], CUBE)
+    np.testing.assert_allclose(V[8:12], POINTS, atol=1e-12)
+    assert set(range(12)) <= set(T.ravel().tolist())
     volumes = element_volumes(V, T)
     assert volumes.min() > 0
     np.testing.assert_allclose(volumes.sum(), 1)
     assert turned(boundary_facets(T)) == turned(CUBE_F)
-    used = V[np.unique(T)]
-    for point in bone_samples(C, BE, 4):
-        assert np.linalg.norm(used - point, axis=1).min() < 1e-12
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(2.0**-13, 0.0), (2.0**13, 0.0), (1.0, 1e4)])
 def test_neither_unit_nor_place_changes_the_mesh(scale: float, shift: float) -> None:
-    _, T = conforming_tetrahedra(CUBE, CUBE_F, C, BE)
-    V2, T2 = conforming_tetrahedra(scale * CUBE + shift, CUBE_F, scale * C + shift, BE)
+    _, T = conforming_tetrahedra(CUBE, CUBE_F, POINTS)
+    V2, T2 = conforming_tetrahedra(scale * CUBE + shift, CUBE_F, scale * POINTS + shift)
     np.testing.assert_array_equal(V2[:8], scale * CUBE + shift)
+    np.testing.assert_allclose(V2[8:12], scale * POINTS + shift, atol=1e-11 * scale)
     np.testing.assert_allclose(element_volumes((V2 - shift) / scale, T2).sum(), 1)
-    np.testing.assert_array_equal(bone_conditions(V2, scale * C + shift, BE)[1].sum(axis=1), 1)
     if shift == 0:  # powers of two round nothing
         np.testing.assert_array_equal(T2, T)
 
@@ -48,26 +48,29 @@ def test_neither_unit_nor_place_changes_the_mesh(scale: float, shift: float) -> 
 def test_a_ball_is_filled_up_to_its_facets() -> None:
     grid = Grid.cube(np.array([[-1.0] * 3, [1.0] * 3]), 12)
     V, F = isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
-    V2, T = conforming_tetrahedra(V, F, C - 0.5, BE)
+    V2, T = conforming_tetrahedra(V, F, POINTS - 0.5)
     cones = np.concatenate([F[:, ::-1], np.full((len(F), 1), len(V))], axis=1)
     inside = element_volumes(np.concatenate([V, [[0.1, 0.2, 0.3]]]), cones).sum()
     np.testing.assert_allclose(element_volumes(V2, T).sum(), inside)
 
 
-def test_a_joint_on_a_surface_vertex_holds_that_vertex() -> None:
-    C = np.array([CUBE[0], [0.5, 0.5, 0.5], CUBE[6]])
-    V, T = conforming_tetrahedra(CUBE, CUBE_F, C, BE)
-    np.testing.assert_array_equal(V[:8], CUBE)
-    fixed, W_fixed = bone_conditions(V, C, BE)
-    held = np.isin(fixed, T)
-    assert {0, 6} <= set(fixed[held].tolist())
-    np.testing.assert_array_equal(W_fixed[held].max(axis=0), 1)
+def test_an_inner_surface_is_kept_and_what_it_encloses_filled_too() -> None:
+    grid = Grid.cube(np.array([[-1.0] * 3, [1.0] * 3]), 12)
+    V, F = isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
+    whole = element_volumes(*conforming_tetrahedra(V, F, NO_POINTS)).sum()
+    V2, T = conforming_tetrahedra(np.concatenate([V, V / 2]), np.concatenate([F, F[:, ::-1] + len(V)]), NO_POINTS)
+    volumes = element_volumes(V2, T)
+    assert volumes.min() > 0
+    np.testing.assert_allclose(volumes.sum(), whole)
+    # No tetrahedron lies on both sides of it.
+    inner = occupancy(V / 2, F, V2[T].mean(axis=1))
+    np.testing.assert_allclose(volumes[inner].sum(), whole / 8)
 
 
 def test_an_open_surface_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match=r"must be closed and must not cross itself$"):
-        conforming_tetrahedra(CUBE, CUBE_F[2:], C, BE)
+        conforming_tetrahedra(CUBE, CUBE_F[2:], POINTS)
     assert not list(tmp_path.iterdir())
 
 
@@ -75,20 +78,20 @@ def test_a_surface_that_crosses_itself_is_refused(tmp_path: Path, monkeypatch: p
     monkeypatch.chdir(tmp_path)
     V, F = np.concatenate([CUBE, CUBE + np.array([0.5, 0.31, 0.42])]), np.concatenate([CUBE_F, CUBE_F + 8])
     with pytest.raises(ValueError, match=r"^TetGen could not fill the surface with tetrahedra \(.*\): it must"):
-        conforming_tetrahedra(V, F, C, BE)
+        conforming_tetrahedra(V, F, POINTS)
     assert not list(tmp_path.iterdir())
 
 
 def test_nothing_to_fill_is_refused() -> None:
     for V, F in ((np.zeros((0, 3)), np.zeros((0, 3))), (np.ones((4, 3)), [[0, 1, 2]]), (CUBE, np.zeros((0, 3)))):
         with pytest.raises(ValueError, match=r"^the surface has no extent, so there is nothing to fill"):
-            conforming_tetrahedra(V, F, C, BE)
+            conforming_tetrahedra(V, F, POINTS)
 
 
 def test_sizes_that_disagree_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^V must be \(n, 3\).*got \(4, 2\)$"):
-        conforming_tetrahedra(np.zeros((4, 2)), [[0, 1, 2]], C, BE)
+        conforming_tetrahedra(np.zeros((4, 2)), [[0, 1, 2]], POINTS)
     with pytest.raises(ValueError, match=r"^F\[0\] = \[0, 1, 8\] does not index the 8 vertices$"):
-        conforming_tetrahedra(CUBE, [[0, 1, 8]], C, BE)
-    with pytest.raises(ValueError, match=r"^BE\[0\] = \[0, 3\] does not index the 3 joints$"):
-        conforming_tetrahedra(CUBE, CUBE_F, C, [[0, 3]])
+        conforming_tetrahedra(CUBE, [[0, 1, 8]], POINTS)
+    with pytest.raises(ValueError, match=r"^points must be \(s, 3\).*got \(4, 2\)$"):
+        conforming_tetrahedra(CUBE, CUBE_F, POINTS[:, :2])

@@ -2,14 +2,13 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from nilbs.geometry.handles import bone_samples
 from nilbs.geometry.triangles import conforming_triangles
 from nilbs.geometry.volume import boundary_facets, element_volumes
 
 # A comb with two teeth: a shape that is not convex.
 COMB = np.array([[0, 0], [4, 0], [4, 3], [3, 3], [3, 1], [1, 1], [1, 3], [0, 3.0]])
 COMB_T = np.array([[5, 7, 0], [5, 6, 7], [5, 0, 1], [5, 1, 4], [4, 1, 2], [4, 2, 3]])
-NO_BONES = (np.zeros((0, 2)), np.zeros((0, 2), dtype=int))
+NO_POINTS = np.zeros((0, 2))
 
 
 def assert_sound(V: np.ndarray, T: np.ndarray, V2: np.ndarray, T2: np.ndarray) -> None:
@@ -42,31 +41,30 @@ def in_circle(triangle: np.ndarray, point: np.ndarray) -> float:
 
 def test_a_long_diagonal_is_flipped() -> None:
     V, T = np.array([[0, 0], [2, -0.3], [4, 0], [2, 0.3]]), np.array([[0, 1, 2], [0, 2, 3]])
-    V2, T2 = conforming_triangles(V, T, *NO_BONES, spacing=10.0)
+    V2, T2 = conforming_triangles(V, T, NO_POINTS, spacing=10.0)
     assert_sound(V, T, V2, T2)
     assert {frozenset(t) for t in T2.tolist()} == {frozenset((0, 1, 3)), frozenset((1, 2, 3))}
 
 
 def test_the_outline_stays_edge_by_edge() -> None:
-    V2, T2 = conforming_triangles(COMB, COMB_T, *NO_BONES, spacing=10.0)
+    V2, T2 = conforming_triangles(COMB, COMB_T, NO_POINTS, spacing=10.0)
     np.testing.assert_array_equal(V2, COMB)
     assert_sound(COMB, COMB_T, V2, T2)
     assert {frozenset(e) for e in boundary_facets(T2)} == {frozenset((k, (k + 1) % 8)) for k in range(8)}
 
 
 @pytest.mark.parametrize("spacing", [0.05, 0.03])
-def test_bones_lie_on_vertices_and_nothing_inside_is_far_from_one(spacing: float, rng: np.random.Generator) -> None:
-    C, BE = np.array([[0.5, 2.5], [0.5, 1.5], [0.3, 1.2]]), np.array([[0, 1], [1, 2]])
-    V2, T2 = conforming_triangles(COMB, COMB_T, C, BE, samples_per_bone=5, spacing=spacing)
+def test_points_become_vertices_and_nothing_inside_is_far_from_one(spacing: float, rng: np.random.Generator) -> None:
+    points = np.stack([np.linspace(0.5, 0.3, 9), np.linspace(2.5, 1.2, 9)], axis=1)
+    V2, T2 = conforming_triangles(COMB, COMB_T, points, spacing=spacing)
     assert_sound(COMB, COMB_T, V2, T2)
-    for point in bone_samples(C, BE, 5):
-        assert np.linalg.norm(V2 - point, axis=1).min() < 1e-12
+    np.testing.assert_array_equal(V2[8:17], points)
     # A hexagonal grid leaves no point further than 0.58 steps from it, and skips what is nearer than 0.7 to a vertex.
     step = spacing * np.hypot(4, 3)
     x = rng.uniform([step, step], [4 - step, 1 - step], (500, 2))
     distance = np.linalg.norm(x[:, None] - V2, axis=2).min(axis=1)
     assert 0.5 * step < distance.max() < 1.28 * step
-    new = V2[8 + len(bone_samples(C, BE, 5)) :]
+    new = V2[17:]
     assert np.linalg.norm(new[:, None] - V2, axis=2)[:, : len(V2) - len(new)].min() > 0.7 * step
 
 
@@ -75,8 +73,7 @@ def test_a_convex_shape_agrees_with_another_delaunay_triangulation(rng: np.rando
     V = np.stack([np.cos(angle), np.sin(angle)], axis=1) * [2, 1]
     fan = np.array([[0, k, k + 1] for k in range(1, 16)])
     x = rng.uniform(-0.5, 0.5, (20, 2))
-    bones = np.arange(20).reshape(10, 2)
-    V2, T2 = conforming_triangles(V, fan, x, bones, samples_per_bone=0, spacing=10.0)
+    V2, T2 = conforming_triangles(V, fan, x, spacing=10.0)
     other = Delaunay(V2).simplices
     assert {frozenset(t) for t in T2.tolist()} == {frozenset(t) for t in other.tolist()}
 
@@ -84,10 +81,10 @@ def test_a_convex_shape_agrees_with_another_delaunay_triangulation(rng: np.rando
 def test_orientation_of_the_input_does_not_matter(rng: np.random.Generator) -> None:
     turned = COMB_T.copy()
     turned[::2] = turned[::2, ::-1]
-    bones = np.array([[0.5, 0.5], [3.5, 0.5]]), np.array([[0, 1]])
-    V2, T2 = conforming_triangles(COMB, turned, *bones, spacing=0.2)
+    points = np.stack([np.linspace(0.5, 3.5, 5), np.full(5, 0.5)], axis=1)
+    V2, T2 = conforming_triangles(COMB, turned, points, spacing=0.2)
     assert_sound(COMB, turned, V2, T2)
-    V3, T3 = conforming_triangles(COMB[::-1], 7 - COMB_T, *bones, spacing=0.2)
+    V3, T3 = conforming_triangles(COMB[::-1], 7 - COMB_T, points, spacing=0.2)
     assert len(V3) == len(V2)
     np.testing.assert_allclose(element_volumes(V3, T3).sum(), element_volumes(V2, T2).sum())
 
@@ -95,18 +92,17 @@ def test_orientation_of_the_input_does_not_matter(rng: np.random.Generator) -> N
 def test_degenerate_triangles_and_loose_vertices_are_left_out_and_keep_their_numbers() -> None:
     V = np.concatenate([COMB, [[2.0, 0.5]]])  # a vertex that no triangle uses
     T = np.concatenate([COMB_T, [[0, 0, 1], [1, 1, 1], [7, 0, 7]]])
-    V2, T2 = conforming_triangles(V, T, [[1.5, 0.5], [2.5, 0.5]], [[0, 1]], samples_per_bone=1, spacing=10.0)
+    V2, T2 = conforming_triangles(V, T, [[1.5, 0.5], [2.5, 0.5], [2.0, 0.5]], spacing=10.0)
     assert_sound(V, T, V2, T2)
     assert len(V2) == 12
-    # The bone's middle is where the loose vertex lies; the mesh holds it all the same.
+    # The last point is where the loose vertex lies; the mesh holds it all the same.
     assert np.linalg.norm(V2[np.unique(T2)] - [2.0, 0.5], axis=1).min() < 1e-12
 
 
 def test_points_on_edges_on_the_outline_on_vertices_and_outside() -> None:
     V, T = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]), np.array([[0, 1, 2], [0, 2, 3]])
     on_diagonal, on_outline, on_vertex, outside = [0.3, 0.3], [0.5, 0.0], [1.0, 1.0], [2.0, 0.2]
-    C = np.array([on_diagonal, on_outline, on_vertex, outside])
-    V2, T2 = conforming_triangles(V, T, C, [[0, 1], [2, 3]], samples_per_bone=0, spacing=10.0)
+    V2, T2 = conforming_triangles(V, T, [on_diagonal, on_outline, on_vertex, outside], spacing=10.0)
     assert_sound(V, T, V2, T2)
     np.testing.assert_array_equal(V2[4:], [on_diagonal, on_outline])
     outline = boundary_facets(T2)
@@ -114,19 +110,18 @@ def test_points_on_edges_on_the_outline_on_vertices_and_outside() -> None:
     assert (V2[outline].min(axis=(0, 1)) == 0).all()
 
 
-def test_many_bones_make_the_arrays_grow(rng: np.random.Generator) -> None:
+def test_many_points_make_the_arrays_grow(rng: np.random.Generator) -> None:
     V, T = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]]), np.array([[0, 1, 2], [0, 2, 3]])
-    C = rng.uniform(0.05, 0.95, (60, 2))
-    V2, T2 = conforming_triangles(V, T, C, np.arange(60).reshape(30, 2), samples_per_bone=1, spacing=10.0)
+    V2, T2 = conforming_triangles(V, T, rng.uniform(0.05, 0.95, (90, 2)), spacing=10.0)
     assert len(V2) == 94
     assert_sound(V, T, V2, T2)
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e-9, 0.0), (1e9, 0.0), (1.0, 1e4)])
 def test_neither_unit_nor_place_changes_the_mesh(scale: float, shift: float) -> None:
-    C, BE = np.array([[0.5, 2.5], [0.51, 0.52], [3.5, 0.5]]), np.array([[0, 1], [1, 2]])
-    V2, _ = conforming_triangles(COMB, COMB_T, C, BE, spacing=0.15)
-    V3, T3 = conforming_triangles(scale * COMB + shift, COMB_T, scale * C + shift, BE, spacing=0.15)
+    points = np.array([[0.5, 2.5], [0.505, 1.51], [0.51, 0.52], [2.005, 0.51], [3.5, 0.5]])
+    V2, _ = conforming_triangles(COMB, COMB_T, points, spacing=0.15)
+    V3, T3 = conforming_triangles(scale * COMB + shift, COMB_T, scale * points + shift, spacing=0.15)
     assert_sound(scale * COMB + shift, COMB_T, V3, T3)
     # Points on a common circle may be joined either way, so only the vertices are the same.
     np.testing.assert_allclose((V3 - shift) / scale, V2, atol=1e-10)
@@ -137,25 +132,25 @@ def test_two_pieces_and_a_hole_are_kept_apart() -> None:
     V = np.concatenate([square, square / 3 + 1, square + 5])
     ring = [[0, 1, 5], [0, 5, 4], [1, 2, 6], [1, 6, 5], [2, 3, 7], [2, 7, 6], [3, 0, 4], [3, 4, 7]]
     T = np.array([*ring, [8, 9, 10], [8, 10, 11]])
-    V2, T2 = conforming_triangles(V, T, [[0.5, 0.5], [2.5, 0.5]], [[0, 1]], spacing=0.1)
+    V2, T2 = conforming_triangles(V, T, [[0.5, 0.5], [1.5, 0.4], [2.5, 0.5]], spacing=0.1)
     assert_sound(V, T, V2, T2)
     centers = V2[T2].mean(axis=1)
     assert not ((centers > 1) & (centers < 2)).all(axis=1).any()
 
 
 def test_no_triangles() -> None:
-    V2, T2 = conforming_triangles(np.zeros((0, 2)), np.zeros((0, 3)), *NO_BONES)
+    V2, T2 = conforming_triangles(np.zeros((0, 2)), np.zeros((0, 3)), NO_POINTS)
     assert V2.shape == (0, 2)
     assert T2.shape == (0, 3)
-    V2, T2 = conforming_triangles(COMB, np.zeros((0, 3)), [[1, 1], [2, 2]], [[0, 1]])
+    V2, T2 = conforming_triangles(COMB, np.zeros((0, 3)), [[1, 1], [2, 2]])
     np.testing.assert_array_equal(V2, COMB)
     assert T2.shape == (0, 3)
 
 
 def test_what_is_no_flat_mesh_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^V must be \(n, 2\).*got \(4, 3\)$"):
-        conforming_triangles(np.zeros((4, 3)), [[0, 1, 2]], *NO_BONES)
+        conforming_triangles(np.zeros((4, 3)), [[0, 1, 2]], NO_POINTS)
     with pytest.raises(ValueError, match=r"^T\[0\] = \[0, 1, 8\] does not index the 8 vertices$"):
-        conforming_triangles(COMB, [[0, 1, 8]], *NO_BONES)
-    with pytest.raises(ValueError, match=r"^BE\[0\] = \[0, 3\] does not index the 2 joints$"):
-        conforming_triangles(COMB, COMB_T, [[1, 1], [2, 2]], [[0, 3]])
+        conforming_triangles(COMB, [[0, 1, 8]], NO_POINTS)
+    with pytest.raises(ValueError, match=r"^points must be \(s, 2\).*got \(2, 3\)$"):
+        conforming_triangles(COMB, COMB_T, np.zeros((2, 3)))
