@@ -68,7 +68,7 @@ def test_the_paper_knows_the_weights_at_the_vertices() -> None:
 @pytest.mark.parametrize("d", [2, 3])
 def test_weights_inside_are_those_of_the_volume_mesh(d: int, rng: np.random.Generator) -> None:
     V, F, V_volume, T = solid(d)
-    samples = volume_samples(V, F, V_volume, T, affine(V_volume), n=1001, shell=0.0, rng=rng)
+    samples = volume_samples(V, F, affine(V), V_volume, T, affine(V_volume), n=1001, shell=0.0, rng=rng)
     assert len(samples.x_rest) == len(samples.W) == 1001
     assert samples.x_rest.dtype == samples.W.dtype == np.float32
     # Affine weights are read exactly, whether inside an element or on a facet.
@@ -83,20 +83,24 @@ def test_weights_inside_are_those_of_the_volume_mesh(d: int, rng: np.random.Gene
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_shell_lies_along_normals_and_keeps_the_weights_of_its_foot(d: int, rng: np.random.Generator) -> None:
-    V, F = ball(d)
-    samples = volume_samples(V, F, V, np.zeros((0, d + 1), dtype=int), affine(V), n=4000, shell=0.01, rng=rng)
-    x = samples.x_rest.astype(np.float64)
-    distance = signed_distance(V, F, x)
+    V, F, V_volume, T = solid(d)
+    # The volume mesh is one around the surface, and knows other weights.
+    around = 2 * V_volume
+    samples = volume_samples(V, F, affine(V), around, T, 1 - affine(around), n=8000, shell=0.01, rng=rng)
+    x, shell = samples.x_rest[:4000].astype(np.float64), samples.x_rest[4000:].astype(np.float64)
+    distance = signed_distance(V, F, shell)
     assert distance.std() == pytest.approx(0.01, rel=0.1)
     # One normal of the ball is its radius: taking the shell off leads to the foot.
-    foot = x * (1 - distance / np.linalg.norm(x, axis=1))[:, None]
-    np.testing.assert_allclose(samples.W, affine(foot), atol=0.01)
+    foot = shell * (1 - distance / np.linalg.norm(shell, axis=1))[:, None]
+    np.testing.assert_allclose(samples.W[4000:], affine(foot), atol=0.01)
+    np.testing.assert_allclose(samples.W[:4000], 1 - affine(x), atol=1e-6)
+    assert (signed_distance(V, F, x) > 0.1).any()
 
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_facets_without_area_do_no_harm(d: int, rng: np.random.Generator) -> None:
     V, F, V_volume, T = solid(d)
     F = np.concatenate([F, np.zeros((1, d), dtype=int)])
-    samples = volume_samples(V, F, V_volume, T, affine(V_volume), n=500, shell=0.01, rng=rng)
+    samples = volume_samples(V, F, affine(V), V_volume, T, affine(V_volume), n=500, shell=0.01, rng=rng)
     assert np.isfinite(samples.x_rest).all()
     np.testing.assert_allclose(samples.W.sum(axis=1), 1, atol=1e-5)

@@ -5,7 +5,8 @@ import pytest
 from scipy import sparse
 
 from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
-from nilbs.geometry.handles import bone_conditions
+from nilbs.geometry.handles import bone_conditions, bone_points, distinct_points
+from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.triangles import conforming_triangles
 from nilbs.geometry.weights import (
     biharmonic_energy,
@@ -21,7 +22,8 @@ def bar(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         V = np.array([[0, 0], [4, 0], [4, 2.5], [3, 2.5], [3, 1], [0, 1.0]])
         T = np.array([[0, 1, 4], [0, 4, 5], [1, 2, 4], [2, 3, 4]])
         C = np.array([[0.4, 0.5], [2, 0.45], [3.5, 0.6], [3.4, 2.2]])
-        V, T = conforming_triangles(V, T, C, BE, samples_per_bone=4, spacing=0.045)
+        x, bone = bone_points(Skeleton(C, BE, [-1, 0, 1], "abc"), spacing=0.4)
+        V, T = conforming_triangles(V, T, x, spacing=0.045)
     else:
         V = np.array([[x, y, z] for x in (0, 4) for y in (0, 1) for z in (0, 1)], dtype=float)
         F = np.array(
@@ -29,8 +31,11 @@ def bar(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
              [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
         )  # fmt: skip
         C = np.array([[0.4, 0.5, 0.5], [1.5, 0.4, 0.5], [2.5, 0.5, 0.6], [3.6, 0.5, 0.5]])
-        V, T = conforming_tetrahedra(V, F, C, BE, samples_per_bone=3)
-    return V, T, *bone_conditions(V, C, BE)
+        x, bone = bone_points(Skeleton(C, BE, [-1, 0, 1], "abc"), spacing=0.3)
+        V, T = conforming_tetrahedra(V, F, x[distinct_points(x, 1e-6)])
+    inside = np.ones(len(x), dtype=bool)
+    known = bone_conditions(V, np.unique(T), x, bone, inside, bones=3, snap=1e-6, reach=1)
+    return V, T, known.fixed, known.W_fixed
 
 
 BE = np.array([[0, 1], [1, 2], [2, 3]])
