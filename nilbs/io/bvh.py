@@ -24,7 +24,8 @@ _SIZE = re.compile(rb"[0-6]")
 _FRAMES = re.compile(rb"frames\s*:\s*(\d{1,9})", re.IGNORECASE)
 _FRAME_TIME = re.compile(rb"frame\s+time\s*:\s*(\S+)", re.IGNORECASE)
 _BLOCK = 2**18  # numbers of a motion that are converted at a time
-_POSES = 2**18  # bones times frames that any file may hold; beyond, every channel has to pay for one
+_POSES = 2**18  # bones times frames that any file may hold
+_POSE_BYTES = 5  # of a motion that pay for one more, so that memory stays in proportion to the file
 _UNFIT = r"[\t-\r{}]|^ +| +$|  +"  # what a name, read up to its brace, loses
 _EVEN = 1e-3  # of a frame: times that float32 rounded still count as equally far apart
 _RIGID = 1e-5  # how far a rotation in float32 may be from orthogonal
@@ -271,7 +272,7 @@ def _motion(path: str | os.PathLike, lines: Lines, joints: int, channels: int) -
     blocks = [np.zeros((0, channels))]
     words: list[bytes] = []
     at: list[int] = []  # lines of the words
-    read = 0
+    read = size = 0
     for number, line in full:
         row = line.split(maxsplit=channels)
         if read == t:
@@ -281,6 +282,7 @@ def _motion(path: str | os.PathLike, lines: Lines, joints: int, channels: int) -
         words += row
         at.append(number)
         read += 1
+        size += len(line)
         if len(words) > _BLOCK:
             blocks.append(finite_numbers(path, words, at))
             words, at = [], []
@@ -288,8 +290,10 @@ def _motion(path: str | os.PathLike, lines: Lines, joints: int, channels: int) -
         raise FileFormatError(path, f"the motion ends after {read} of {t} frames", number)
     if words:
         blocks.append(finite_numbers(path, words, at))
-    if t * joints > max(t * channels, _POSES):
-        raise FileFormatError(path, f"{t} frames of {joints} joints, of which hardly any has a channel", number)
+    if t * joints > max(size / _POSE_BYTES, _POSES):
+        raise FileFormatError(
+            path, f"{t} frames of {joints} joints, in {size} bytes: hardly any joint has a channel", number
+        )
     return float(seconds), np.concatenate(blocks)
 
 

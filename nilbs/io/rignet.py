@@ -63,7 +63,7 @@ def read_rignet(path: str | os.PathLike) -> Parts:
     hier: dict[bytes, tuple[bytes, int]] = {}
     vertex: list[int] = []
     bone: list[int] = []
-    weight: list[float] = []
+    weight = [np.zeros((0, 1))]
 
     def name_id(name: bytes, line: int) -> int:
         if name not in named:
@@ -71,6 +71,8 @@ def read_rignet(path: str | os.PathLike) -> Parts:
         return named.setdefault(name, len(named))
 
     for first, block in line_blocks(path):
+        weights: list[bytes] = []
+        weights_in: list[int] = []  # their lines
         for number, line in enumerate(block, first):
             words = line.split()
             kind = words[0] if words else b""
@@ -81,7 +83,8 @@ def read_rignet(path: str | os.PathLike) -> Parts:
                     raise FileFormatError(path, message, number)
                 vertex += [int(words[1])] * pairs
                 bone += [name_id(name, number) for name in words[2::2]]
-                weight += finite_numbers(path, words[3::2], [number])[0].tolist()
+                weights += words[3::2]
+                weights_in += [number] * pairs
             elif kind == b"joints":
                 if len(words) != 5:
                     raise FileFormatError(path, "joints needs a name without spaces and three numbers", number)
@@ -107,6 +110,8 @@ def read_rignet(path: str | os.PathLike) -> Parts:
             elif words:
                 message = f"a line of a rig starts with joints, root, hier or skin, not {_quoted(kind)}"
                 raise FileFormatError(path, message, number)
+        if weights:
+            weight.append(finite_numbers(path, weights, weights_in))
     if not joints:
         raise FileFormatError(path, "the rig has no joint")
     for name, line_number in zip(named, named_in, strict=True):
@@ -126,7 +131,7 @@ def read_rignet(path: str | os.PathLike) -> Parts:
     others = [_quoted(name) for name, parent in zip(joints, P, strict=True) if parent < 0 and name not in roots]
     return Parts(
         skeleton=skeleton,
-        influences=Influences(np.array(vertex), bone_of[skinned], np.array(weight)) if vertex else None,
+        influences=Influences(np.array(vertex), bone_of[skinned], np.concatenate(weight)[:, 0]) if vertex else None,
         notes=(f"joints without a parent, taken as roots: {listed(others)}",) if others else (),
     )
 
