@@ -153,10 +153,10 @@ def _overlapping_boxes(lower: np.ndarray, upper: np.ndarray) -> Iterator[tuple[n
             if different.any():
                 yield order[start[a[different]]], order[start[b[different]]]
             continue
-        children = [(2 * a, 2 * b), (2 * a, 2 * b + 1), (2 * a + 1, 2 * b + 1)]
         two = a < b
-        children.append((2 * a[two] + 1, 2 * b[two]))
-        waiting.append((level + 1, *(np.concatenate(part) for part in zip(*children, strict=True))))
+        first = np.concatenate([2 * a, 2 * a, 2 * a + 1, 2 * a[two] + 1])
+        second = np.concatenate([2 * b, 2 * b + 1, 2 * b + 1, 2 * b[two]])
+        waiting.append((level + 1, first, second))
 
 
 def _touching(V: np.ndarray, F: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:

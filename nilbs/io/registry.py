@@ -116,7 +116,8 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
     if suffix in MESHES:
         from nilbs.io.mesh import read_mesh_parts
 
-        return Parts(mesh=read_mesh_parts(path))
+        mesh = read_mesh_parts(path)
+        return Parts(mesh=mesh, notes=mesh.notes)
     if suffix == ".tgf":
         C, BE = read_tgf(path)
         return Parts(skeleton=Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE)))))
