@@ -7,7 +7,13 @@ Bones may also be moved away from their parents, and scaled together with all th
 
 import numpy as np
 
-from nilbs.geometry.rotations import nearest_rotations, rigid_transforms, rotation_matrices, rotation_vectors, slerp
+from nilbs.geometry.rotations import (
+    interpolate_transforms,
+    rigid_transforms,
+    rotation_matrices,
+    rotation_vectors,
+    slerp,
+)
 from nilbs.geometry.validation import arrays, check_indices
 
 
@@ -120,8 +126,8 @@ def forward_kinematics(
 
     Notes
     -----
-    B_b = B_parent T(c + t_b) R(theta_b) S_b T(-c) with c = C[BE[b, 0]]; with t_b = 0 and S_b = I it is the pose function
-    above eq. 2 of [1]_.
+    B_b = B_parent T(c + t_b) R(theta_b) S_b T(-c) with c = C[BE[b, 0]]. Without translation t_b and scale S_b it is the
+    pose function above eq. 2 of [1]_.
 
     References
     ----------
@@ -246,8 +252,8 @@ def interpolate_poses(
     Notes
     -----
     Where both poses are ones that the skeleton can take, local rotations are slerped and the root translation is
-    linear, recomposed down the hierarchy, so that joints stay together. Other transforms are taken bone by bone:
-    the rotation of the polar decomposition is slerped, the stretch and the translation are linear.
+    linear, recomposed down the hierarchy, so that joints stay together. Other transforms are taken bone by bone, by
+    `nilbs.geometry.rotations.interpolate_transforms`.
 
     Examples
     --------
@@ -265,10 +271,7 @@ def interpolate_poses(
         theta0, move0 = local_rotations(C, BE, P, B0)
         theta1, move1 = local_rotations(C, BE, P, B1)
     except ValueError:
-        R0, R1 = nearest_rotations(B0[..., :d, :d]), nearest_rotations(B1[..., :d, :d])
-        stretch0, stretch1 = (np.swapaxes(R, -1, -2) @ B[..., :d, :d] for R, B in ((R0, B0), (R1, B1)))
-        linear = slerp(R0, R1, s) @ ((1 - s) * stretch0 + s * stretch1)
-        return rigid_transforms(linear, (1 - s) * B0[..., :d, d] + s * B1[..., :d, d])
+        return interpolate_transforms(B0, B1, s)
     theta = rotation_vectors(slerp(rotation_matrices(theta0), rotation_matrices(theta1), s))
     return forward_kinematics(C, BE, P, theta, root_translation=(1 - s) * move0 + s * move1)
 

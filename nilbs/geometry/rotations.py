@@ -226,6 +226,44 @@ def slerp(R0: np.ndarray, R1: np.ndarray, s: float) -> np.ndarray:
     return R0 @ rotation_matrices(s * rotation_vectors(np.swapaxes(R0, -1, -2) @ R1))
 
 
+def interpolate_transforms(B0: np.ndarray, B1: np.ndarray, s: float) -> np.ndarray:
+    """Transforms a fraction s of the way from B0 to B1, each on its own.
+
+    Parameters
+    ----------
+    B0, B1 : (..., d+1, d+1) float array
+        Affine transforms acting on column vectors.
+    s : float
+        0 gives B0, 1 gives B1.
+
+    Returns
+    -------
+    B : (..., d+1, d+1) float array
+
+    Raises
+    ------
+    ValueError
+        If B0 and B1 disagree on d.
+
+    Notes
+    -----
+    The rotation of the polar decomposition is slerped; the stretch and the translation are linear.
+
+    Examples
+    --------
+    >>> interpolate_transforms(np.eye(3), rigid_transforms(3 * np.eye(2), [4, 0]), 0.5)
+    array([[2., 0., 2.],
+           [0., 2., 0.],
+           [0., 0., 1.]])
+    """
+    B0, B1 = arrays(B0=(B0, "... d+1 d+1"), B1=(B1, "... d+1 d+1"))
+    d = B0.shape[-1] - 1
+    R0, R1 = nearest_rotations(B0[..., :d, :d]), nearest_rotations(B1[..., :d, :d])
+    stretch0, stretch1 = (np.swapaxes(R, -1, -2) @ B[..., :d, :d] for R, B in ((R0, B0), (R1, B1)))
+    linear = slerp(R0, R1, s) @ ((1 - s) * stretch0 + s * stretch1)
+    return rigid_transforms(linear, (1 - s) * B0[..., :d, d] + s * B1[..., :d, d])
+
+
 def _cross_matrices(v: np.ndarray) -> np.ndarray:
     K = np.zeros((*v.shape[:-1], 3, 3))
     K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]

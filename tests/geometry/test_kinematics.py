@@ -122,6 +122,59 @@ def test_rotations_to_transforms_and_back(d: int, size: float, rng: np.random.Ge
 
 
 @pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("axes", [1, None])
+def test_bones_move_and_grow_with_all_that_hangs_from_them(d: int, axes: int | None, rng: np.random.Generator) -> None:
+    C, theta, x = joints(d, rng), rotations(d, 7, rng), rng.normal(size=d)
+    move, scale = rng.normal(size=(7, len(P), d)), rng.uniform(0.5, 2, (7, len(P), axes or d))
+    root = rng.normal(size=(7, d))
+    B = forward_kinematics(C, BE, P, theta, root_translation=root, translation=move, scale=scale)
+    for frame in range(7):
+        for bone in range(len(P)):
+            y, at = x, bone
+            while at >= 0:  # T(c + t) R S T(-c), from bone to bone
+                center = C[BE[at, 0]]
+                y = rotation_matrices(theta[frame, at]) @ (scale[frame, at] * (y - center)) + center + move[frame, at]
+                y, at = y + (P[at] < 0) * root[frame], P[at]
+            np.testing.assert_allclose(transform_points(B[frame, bone], x), y, atol=1e-12)
+    still = forward_kinematics(C, BE, P, theta, translation=np.zeros_like(move), scale=np.ones_like(scale))
+    np.testing.assert_allclose(still, forward_kinematics(C, BE, P, theta), atol=1e-14)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_parent_need_not_end_where_its_child_starts(d: int, rng: np.random.Generator) -> None:
+    """Bones without length, and bones apart: only first joints count."""
+    C, parents = joints(d, rng), np.array([-1, 0, 1, 1])
+    apart = np.array([[0, 0], [2, 1], [3, 3], [4, 0]])
+    theta, move = rng.uniform(-1, 1, (3, 4, 3 if d == 3 else 1)), rng.normal(size=(3, d))
+    B = forward_kinematics(C, apart, parents, theta, root_translation=move)
+    for bone, parent in ((1, 0), (2, 1), (3, 1)):
+        first = C[apart[bone, 0]]
+        np.testing.assert_allclose(
+            transform_points(B[:, bone], first), transform_points(B[:, parent], first), atol=1e-12
+        )
+    found, root = local_rotations(C, apart, parents, B)
+    np.testing.assert_allclose(found, theta, atol=1e-12)
+    np.testing.assert_allclose(root, move, atol=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_skeleton_of_one_joint_without_size(d: int, rng: np.random.Generator) -> None:
+    C, theta = 1e3 + rng.normal(size=(1, d)), rng.uniform(-1, 1, (5, 1, 3 if d == 3 else 1))
+    found, root = local_rotations(C, [[0, 0]], [-1], forward_kinematics(C, [[0, 0]], [-1], theta))
+    np.testing.assert_allclose(found, theta, atol=1e-12)
+    np.testing.assert_allclose(root, 0, atol=1e-9)
+
+
+def test_deep_skeletons_are_ordered_in_no_time() -> None:
+    P = np.arange(-1, 200_000)[::-1].copy()  # the last bone is the root
+    P = np.where(P < 0, -1, len(P) - 1 - P)
+    np.testing.assert_array_equal(bone_order(P), np.arange(len(P))[::-1])
+    P[-1] = 0
+    with pytest.raises(ValueError, match="cycle"):
+        bone_order(P[:1000] % 1000)
+
+
+@pytest.mark.parametrize("d", [2, 3])
 def test_a_single_bone_that_is_a_root(d: int, rng: np.random.Generator) -> None:
     C, theta = rng.normal(size=(2, d)), rng.normal(size=(1, 3 if d == 3 else 1))
     B = forward_kinematics(C, [[0, 1]], [-1], theta, root_translation=np.ones(d))
@@ -166,6 +219,10 @@ def test_sizes_that_disagree_are_refused() -> None:
         forward_kinematics(C, bones, [-1], theta)
     with pytest.raises(ValueError, match=r"root_translation must be \(\.\.\., 2\), got \(3,\)"):
         forward_kinematics(C, bones, [-1, 0], theta, root_translation=np.zeros(3))
+    with pytest.raises(ValueError, match=r"scale must be \(\.\.\., 2, 2\), got \(2, 3\)"):
+        forward_kinematics(C, bones, [-1, 0], theta, scale=np.ones((2, 3)))
+    with pytest.raises(ValueError, match=r"translation must be \(\.\.\., 2, 2\), got \(1, 2\)"):
+        forward_kinematics(C, bones, [-1, 0], theta, translation=np.ones((1, 2)))
     with pytest.raises(ValueError, match=r"^P\[1\] = 7 does not index the 2 bones$"):
         local_rotations(C, bones, [-1, 7], np.stack([np.eye(3)] * 2))
     with pytest.raises(ValueError, match=r"^P\[1\] = 7 does not index the 2 bones$"):

@@ -1,0 +1,161 @@
+import numpy as np
+import pytest
+
+from nilbs.geometry.bone_names import bone_name, matching_bones
+from nilbs.geometry.skeleton import Skeleton
+
+
+def chain(*names: str, parents: list[int] | None = None, lengths: list[float] | None = None) -> Skeleton:
+    """A skeleton of named bones, one after the other unless parents are given, each as long as its neighbours."""
+    b = len(names)
+    C = np.zeros((b + 1, 2))
+    C[1:, 0] = np.cumsum(np.ones(b) if lengths is None else lengths)
+    bones = np.arange(b)
+    return Skeleton(C, np.stack([bones, bones + 1], 1), bones - 1 if parents is None else parents, names)
+
+
+def matched(source: Skeleton, target: Skeleton) -> dict[str, str]:
+    return {target.names[bone]: source.names[led] for bone, led in matching_bones(source, target).items()}
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("upperarm01.L", ("l", "upperarm", (1,))),
+        ("UpArm_L", ("l", "upperarm", ())),
+        ("mixamorig:LeftForeArm", ("l", "forearm", ())),
+        ("Character|mixamorig:RightUpLeg", ("r", "thigh", ())),
+        ("Bip01 R Calf", ("r", "shin", ())),
+        ("lShldrBend", ("l", "shoulder", ())),
+        ("DEF-upper_arm.L.001", ("l", "upperarm", (1,))),
+        ("J_Bip_L_LowerLeg", ("l", "shin", ())),
+        ("CC_Base_R_Thigh", ("r", "thigh", ())),
+        ("l_hand", ("l", "hand", ())),
+        ("leftfoot", ("l", "foot", ())),
+        ("LThigh", ("l", "thigh", ())),
+        ("LeftHandIndex3", ("l", "index", (3,))),
+        ("leftMiddleProximal", ("l", "middle", ())),
+        ("finger5-2.R", ("r", "pinky", (2,))),
+        ("f_ring.02.L", ("l", "ring", (2,))),
+        ("toe3-1.L", ("l", "toe3", (1,))),
+        ("RightToeBase", ("r", "toe", ())),
+        ("UpperChest", ("", "spine", ())),
+        ("Pelvis", ("", "hips", ())),
+        ("Tail_04", ("", "tail", (4,))),
+        ("joint12", ("", "", (12,))),
+        ("HeadTop_End", ("", "", ())),
+        ("hand.IK.L", ("l", "", ())),
+        ("尻尾_2", ("", "尻尾", (2,))),
+        ("", ("", "", ())),
+        ("left", ("l", "", ())),
+        ("bone" + "9" * 4000, ("", "", ())),
+    ],
+)
+def test_names_say_side_part_and_number(name: str, expected: tuple) -> None:
+    assert tuple(bone_name(name)) == expected
+
+
+@pytest.mark.parametrize(
+    ("names", "arm"),
+    [
+        # Words of four programs for the same four bones.
+        (("LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand"), "LeftArm"),
+        (("L_Collar", "L_Shoulder", "L_Elbow", "L_Wrist"), "L_Shoulder"),
+        (("lCollar", "lShldr", "lForeArm", "lHand"), "lShldr"),
+        (("clavicle_l", "upperarm_l", "lowerarm_l", "hand_l"), "upperarm_l"),
+    ],
+)
+def test_a_shoulder_is_what_the_other_words_leave(names: tuple[str, ...], arm: str) -> None:
+    target = chain("clavicle.L", "shoulder01.L", "upperarm01.L", "upperarm02.L", "lowerarm01.L", "wrist.L")
+    expected = {
+        "clavicle.L": names[0],
+        "upperarm01.L": arm,
+        "upperarm02.L": arm,
+        "lowerarm01.L": names[2],
+        "wrist.L": names[3],
+    }
+    assert matched(chain(*names), target) == expected
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("RightUpLeg", "RightLeg", "RightFoot", "RightToeBase"),
+        ("R_Hip", "R_Knee", "R_Ankle", "R_Foot"),
+        ("rThigh", "rShin", "rFoot", "rToe"),
+        ("leg.R", "calf.R", "foot.R", "toes.R"),
+        ("hip.R", "leg.R", "foot.R", "ball.R"),
+    ],
+)
+def test_a_leg_is_what_the_other_words_leave(names: tuple[str, ...]) -> None:
+    target = chain("upperleg01.R", "lowerleg01.R", "foot.R", "toe2-1.R")
+    assert matched(chain(*names), target) == dict(zip(target.names, names, strict=True))
+
+
+def test_words_that_stay_undecided_match_themselves() -> None:
+    assert matched(chain("leg.L", "thigh.L", "shin.L"), chain("upperleg.L", "lowerleg.L")) == {
+        "upperleg.L": "thigh.L",
+        "lowerleg.L": "shin.L",
+    }
+    assert matched(chain("ankle.L", "foot.L", "toe.L"), chain("Foot_L", "Toe_L")) == {
+        "Foot_L": "ankle.L",
+        "Toe_L": "toe.L",
+    }
+    assert matched(chain("arm.L", "upperarm.L"), chain("UpArm_L")) == {"UpArm_L": "upperarm.L"}
+
+
+def test_sides_are_not_mixed() -> None:
+    assert matched(chain("hand.L"), chain("hand.R")) == {}
+    assert matched(chain("hand.L"), chain("Hand_l")) == {"Hand_l": "hand.L"}
+
+
+def test_chains_are_matched_by_their_order_and_not_by_their_numbers() -> None:
+    assert matched(chain("Spine1", "Spine2", "Spine3"), chain("spine03", "spine02", "spine01")) == {
+        "spine03": "Spine1",
+        "spine02": "Spine2",
+        "spine01": "Spine3",
+    }
+
+
+def test_chains_of_other_lengths_are_matched_by_place() -> None:
+    source = chain("Neck1", "Neck2", lengths=[3, 1])
+    target = chain("neck01", "neck02", "neck03", "neck04")
+    assert [matched(source, target)[name] for name in target.names] == ["Neck1", "Neck1", "Neck1", "Neck2"]
+    # The longer chain leads: the bone in whose stretch the middle lies.
+    assert matched(target, chain("Neck")) == {"Neck": "neck03"}
+    flat = Skeleton(np.zeros((1, 2)), np.zeros((3, 2)), [-1, 0, 1], ("neck1", "neck2", "neck3"))
+    assert matched(chain("Neck1"), flat) == dict.fromkeys(flat.names, "Neck1")
+
+
+def test_of_bones_that_differ_in_marks_the_plainest_is_meant() -> None:
+    assert matched(chain("__Hand_L", "Hand_L"), chain("hand.L")) == {"hand.L": "Hand_L"}
+    assert matched(chain("Hand_L", "__Hand_L"), chain("hand.L")) == {"hand.L": "Hand_L"}
+
+
+def test_only_one_way_down_the_hierarchy_is_a_chain() -> None:
+    source = chain("Tail", "tail_fin1", "tail_1", "tail_2", parents=[-1, 0, 0, 2])
+    assert matched(source, chain("tail.001", "tail.002", "tail.003")) == {
+        "tail.001": "Tail",
+        "tail.002": "tail_1",
+        "tail.003": "tail_2",
+    }
+
+
+def test_a_root_is_hips_where_neither_has_both() -> None:
+    assert matched(chain("Hips", "Spine"), chain("root", "spine05")) == {"root": "Hips", "spine05": "Spine"}
+    assert matched(chain("Root", "Spine"), chain("pelvis", "chest")) == {"pelvis": "Root", "chest": "Spine"}
+    assert matched(chain("Hips"), chain("root", "pelvis")) == {"pelvis": "Hips"}
+    assert matched(chain("Root", "Hips"), chain("root", "chest")) == {"root": "Root"}
+
+
+def test_all_toes_follow_one() -> None:
+    target = chain("toe1-1.L", "toe1-2.L", "toe2-1.L", parents=[-1, 0, -1])
+    assert matched(chain("LeftToe"), target) == dict.fromkeys(target.names, "LeftToe")
+
+
+def test_a_rig_that_names_all_bones_alike_is_matched_by_names_alone() -> None:
+    source = chain("joint2", "Hand_L", "joint0", "joint1")
+    assert matched(source, chain("joint0", "joint1", "joint2")) == {
+        name: name for name in ("joint0", "joint1", "joint2")
+    }
+    assert matched(source, chain("joint0", "joint7")) == {}
