@@ -1,13 +1,32 @@
-"""Motions: a sequence of poses, with the frames that they were taken from."""
+"""Motions: a sequence of poses over time, with the frames that they were taken from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nilbs.character import Character
-from nilbs.geometry.kinematics import forward_kinematics, local_rotations, smooth_random_rotations
+from nilbs.geometry.kinematics import (
+    bone_order,
+    forward_kinematics,
+    interpolate_poses,
+    local_rotations,
+    smooth_random_rotations,
+)
+from nilbs.geometry.rotations import interpolate_transforms
+from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
+
+if TYPE_CHECKING:
+    from nilbs.clips import BoneMap, Report
+    from nilbs.io.motion import LocalMotion
+
+FPS = 24  # frames a second of a motion that does not tell its times
+
+
+def _unknown() -> np.ndarray:
+    return np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -22,14 +41,35 @@ class Motion:
         Number of each frame in the motion that it came from, counted from 0.
     source : str
         Where the motion came from: a file's name, or the generator and its settings.
+    times : (t,) float array
+        Seconds of every frame, not decreasing; by default its number at 24 frames a second.
+    skeleton : Skeleton, optional
+        Whose bones move. Without one, poses between frames are found bone by bone.
+
+    Raises
+    ------
+    ValueError
+        If sizes disagree, a number is not finite or times decrease.
     """
 
     B: np.ndarray
     frames: np.ndarray
     source: str
+    times: np.ndarray = field(default_factory=_unknown)
+    skeleton: Skeleton | None = None
 
     def __post_init__(self) -> None:
         arrays(B=(self.B, "t b d+1 d+1"), frames=(self.frames, "t", int))
+        times = self.times if np.size(self.times) else np.asarray(self.frames) / FPS
+        (times,) = arrays(times=(times, f"{len(self.B)}"))
+        if (np.diff(times) < 0).any():
+            raise ValueError(f"times decrease after frame {int(np.argmax(np.diff(times) < 0))}")
+        object.__setattr__(self, "times", times)
+        if self.skeleton is not None and (len(self.skeleton.BE), self.skeleton.d + 1) != self.B.shape[1:3]:
+            raise ValueError(
+                f"B must be (t, b, d+1, d+1) with b = {len(self.skeleton.BE)} bones of the skeleton and "
+                f"d = {self.skeleton.d}, got {self.B.shape}"
+            )
 
     def __len__(self) -> int:
         return len(self.B)
@@ -46,6 +86,49 @@ class Motion:
             raise IndexError(f"frame {k} does not exist: the motion has {len(self)} frames, counted from 0")
         return self.B[k]
 
+    def at(self, *, frame: float | None = None, seconds: float | None = None) -> np.ndarray:
+        """Pose at a frame or a time, and between frames.
+
+        Between two frames local rotations are slerped and the roots' translation is linear, so that joints stay
+        together; transforms that the skeleton's rotations cannot make are taken bone by bone.
+
+        Parameters
+        ----------
+        frame : float, optional
+            `at(frame=2.5)` lies half-way between `self[2]` and `self[3]`.
+        seconds : float, optional
+            A time between the first and the last of `times`; give either this or `frame`.
+
+        Returns
+        -------
+        pose : (b, d+1, d+1) float array
+
+        Raises
+        ------
+        ValueError
+            If the motion has no such frame or time, or not exactly one is given.
+        """
+        if (frame is None) == (seconds is None):
+            raise ValueError("give either frame or seconds")
+        last = len(self) - 1
+        if seconds is not None:
+            if not (last >= 0 and self.times[0] <= seconds <= self.times[last]):
+                span = f"lasts from {self.times[0]:g} to {self.times[last]:g} s" if last >= 0 else "has no frame"
+                raise ValueError(f"there is no pose at {seconds:g} s: the motion {span}")
+            # The last frame that is not later: the next one is, so that their times differ.
+            k = int(np.searchsorted(self.times, seconds, side="right")) - 1
+            s = 0.0 if k == last else (seconds - self.times[k]) / (self.times[k + 1] - self.times[k])
+        else:
+            if not 0 <= frame <= last:  # type: ignore[operator]
+                raise ValueError(f"there is no frame {frame:g}: the motion has {len(self)} frames, counted from 0")
+            k = int(frame)  # type: ignore[arg-type]
+            s = frame - k  # type: ignore[operator]
+        if s == 0:
+            return self.B[k]
+        if self.skeleton is None:
+            return interpolate_transforms(self.B[k], self.B[k + 1], s)
+        return interpolate_poses(self.skeleton.C, self.skeleton.BE, self.skeleton.P, self.B[k], self.B[k + 1], s)
+
     def take(self, n: int) -> "Motion":
         """Motion of n evenly spaced frames, the first and the last among them; all, where there are fewer.
 
@@ -59,7 +142,7 @@ class Motion:
         if n >= len(self):
             return self
         chosen = np.round(np.linspace(0, len(self) - 1, n)).astype(np.int64)
-        return Motion(self.B[chosen], self.frames[chosen], self.source)
+        return Motion(self.B[chosen], self.frames[chosen], self.source, self.times[chosen], self.skeleton)
 
     def rms_rotation(self, character: Character) -> float | None:
         """Root mean square of the local rotation angles of all bones but the roots, in radians.
@@ -102,18 +185,35 @@ def random_motion(character: Character, *, frames: int = 100, amplitude: float =
     rng = np.random.default_rng(seed)
     theta = smooth_random_rotations(character.P, character.d, frames, amplitude=amplitude, rng=rng)
     B = forward_kinematics(character.C, character.BE, character.P, theta)
-    return Motion(B, np.arange(frames), f"random, amplitude {amplitude:g} rad rms, {frames} frames, seed {seed}")
+    source = f"random, amplitude {amplitude:g} rad rms, {frames} frames, seed {seed}"
+    return Motion(B, np.arange(frames), source, skeleton=character.skeleton)
 
 
-def read_motion(path: str | Path, character: Character) -> Motion:
-    """Read the motion of a character: transforms (`.dmat`) or local rotations by bone name (`.json`).
+def read_motion(
+    path: str | Path,
+    character: Character | Skeleton,
+    *,
+    clip: str | None = None,
+    bone_map: "BoneMap | None" = None,
+    report: "Report | None" = None,
+) -> Motion:
+    """Read a motion, and put it on a character if it was made for another.
 
     Parameters
     ----------
     path : path
-        Its suffix tells the format.
-    character : Character
+        Transforms of the character's bones (`.dmat`), local motions by their names (`.json`), or a file with a skeleton
+        of its own: `.bvh`, `.glb`, `.gltf`, `.fbx`. Where that has the character's names and joints its transforms are
+        taken as they are; else its motion is put on the character, see `nilbs.geometry.retargeting.retarget`.
+    character : Character or Skeleton
         Whose bones move.
+    clip : str, optional
+        Name of the motion, in a file with several; the first by default.
+    bone_map : mapping or path, optional
+        For bones of the character, by name, the bones of the file that they follow, or the JSON file that says so, see
+        `nilbs.io.bone_map.read_bone_map`. Guessed by default.
+    report : function of str, optional
+        Receives a line on each decision that the files left open.
 
     Returns
     -------
@@ -122,36 +222,71 @@ def read_motion(path: str | Path, character: Character) -> Motion:
     Raises
     ------
     FileFormatError
-        If the file cannot be read as a motion.
+        If the file cannot be read as a motion, or has no motion of that name.
     ValueError
-        If it moves another number of bones, or moves a flat character out of its plane.
+        If it moves another number of bones, moves a flat character out of its plane, or fits none of its bones.
     OSError
         If it cannot be opened.
     """
+    from nilbs.clips import SUFFIXES, chosen_clip, clip_transforms
+    from nilbs.io.errors import FileFormatError
+
+    report = report or (lambda line: None)
+    skeleton = character if isinstance(character, Skeleton) else character.skeleton
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in (".json", ".dmat"):
+        if clip is not None or bone_map is not None:
+            what = "clip" if clip is not None else "bone map"
+            raise FileFormatError(
+                path, f"a {suffix} file moves the character's own bones: there is no {what} to choose"
+            )
+        B, times = _own_transforms(path, suffix, skeleton)
+        source = path.name
+    elif suffix in SUFFIXES:
+        found = chosen_clip(path, clip, report)
+        B, times = clip_transforms(path, found, skeleton, bone_map, report), found.times
+        source = path.name if clip is None else f"{path.name}, {found.name}"
+    else:
+        got = f"not {suffix}" if suffix else "and this one has none"
+        allowed = ", ".join((".json", ".dmat", *SUFFIXES))
+        raise FileFormatError(path, f"the name of a motion's file must end in one of {allowed}, {got}")
+    bad = np.argwhere(~np.isfinite(B).all(axis=(-1, -2)))
+    if len(bad):
+        raise FileFormatError(
+            path, f"frame {bad[0][0]} moves bone {skeleton.names[bad[0][1]]!r} farther than numbers go"
+        )
+    return Motion(B, np.arange(len(B)), source, times, skeleton)
+
+
+def _own_transforms(path: Path, suffix: str, skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """Transforms of a file without a skeleton, and its times; no times where it does not tell."""
+    from nilbs.clips import in_plane
     from nilbs.io.errors import FileFormatError
     from nilbs.io.motion import read_motion_json, read_transforms
 
-    path = Path(path)
-    if path.suffix.lower() == ".json":
-        theta, root_translation = read_motion_json(path, character.names, character.d)
-        B = forward_kinematics(character.C, character.BE, character.P, theta, root_translation=root_translation)
-    elif path.suffix.lower() == ".dmat":
-        B = read_transforms(path)
-        if B.shape[1] != len(character.BE):
-            raise FileFormatError(path, f"moves {B.shape[1]} bones, but the rig has {len(character.BE)}")
-        if character.d == 2:
-            B = _in_plane(path, B)
-    else:
-        raise FileFormatError(path, f"a motion is a .json or a .dmat file, not {path.suffix or 'without suffix'}")
-    return Motion(B, np.arange(len(B)), path.name)
+    if suffix == ".json":
+        motion = read_motion_json(path, skeleton.names, skeleton.d)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return _posed(skeleton, motion), _unknown() if motion.times is None else motion.times
+    B = read_transforms(path)
+    if B.shape[1] != len(skeleton.BE):
+        raise FileFormatError(path, f"moves {B.shape[1]} bones, but the rig has {len(skeleton.BE)}")
+    return in_plane(path, B) if skeleton.d == 2 else B, _unknown()
 
 
-def _in_plane(path: Path, B: np.ndarray) -> np.ndarray:
-    from nilbs.io.errors import FileFormatError
-
-    across = np.abs(B[..., 2, [0, 1, 3]]).max(axis=-1) + np.abs(B[..., :2, 2]).max(axis=-1)
-    if (across > 1e-6 * np.abs(B).max()).any():
-        frame, bone = np.argwhere(across > 1e-6 * np.abs(B).max())[0]
-        raise FileFormatError(path, f"frame {frame} moves bone {bone} out of the plane of a flat character")
-    plane = [0, 1, 3]
-    return B[..., plane, :][..., plane]
+def _posed(skeleton: Skeleton, motion: "LocalMotion") -> np.ndarray:
+    """Transforms of local motions; bones whose transform is given take it, and those below hang from it."""
+    c = skeleton
+    parts = {"translation": motion.translation, "scale": motion.scale}
+    if motion.given is None:
+        return forward_kinematics(c.C, c.BE, c.P, motion.theta, root_translation=motion.root_translation, **parts)
+    roots = np.full(len(c.P), -1)
+    B = forward_kinematics(c.C, c.BE, roots, motion.theta, **parts)  # each relative to its parent
+    B[:, c.P < 0, : c.d, c.d] += motion.root_translation[:, None]
+    for bone in bone_order(c.P):
+        if c.P[bone] >= 0:
+            B[:, bone] = B[:, c.P[bone]] @ B[:, bone]
+        given = np.isfinite(motion.given[:, bone]).all(axis=(-1, -2))
+        B[given, bone] = motion.given[given, bone]
+    return B

@@ -18,7 +18,7 @@ from nilbs.io import (
     read_transforms,
     read_weights,
 )
-from nilbs.io.motion import read_any_motion_json
+from nilbs.io.motion import read_motion_json
 from nilbs.io.registry import looks_like_weights
 
 # Weights that are further than this from rows on the simplex are a mistake and not rounding.
@@ -51,8 +51,9 @@ def read(path: str) -> Content:
         C, BE = read_tgf(path)
         return Content(path, "rig", {"C": C, "BE": BE})
     if suffix == ".json":
-        names, theta, root_translation = read_any_motion_json(path)
-        return Content(path, "motion", {"names": names, "theta": theta, "root_translation": root_translation})
+        motion = read_motion_json(path)
+        values = {"names": motion.names, "theta": motion.theta, "root_translation": motion.root_translation}
+        return Content(path, "motion", values)
     if suffix == ".npy":
         return Content(path, "points", {"x": read_npy(path)})
     if suffix == ".nilbs":

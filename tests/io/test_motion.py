@@ -11,7 +11,7 @@ from nilbs.io import (
     write_motion_json,
     write_transforms,
 )
-from nilbs.io.motion import read_any_motion_json
+from nilbs.io import motion as motion_files
 
 NAMES = ("bone0", "bone1")
 
@@ -79,14 +79,42 @@ def test_the_elephant_starts_at_rest_and_turns_rigidly(data):
 def test_json_round_trip(tmp_path, rng, d, r):
     theta, root_translation = rng.normal(size=(5, 2, r)), rng.normal(size=(5, d))
     write_motion_json(tmp_path / "a.json", NAMES, theta, root_translation)
-    theta_read, translation_read = read_motion_json(tmp_path / "a.json", NAMES, d)
-    assert np.allclose(theta_read, theta, rtol=1e-15, atol=1e-15)
-    assert np.array_equal(translation_read, root_translation)
+    again = read_motion_json(tmp_path / "a.json", NAMES, d)
+    assert again.names == NAMES
+    assert np.allclose(again.theta, theta, rtol=1e-15, atol=1e-15)
+    assert np.array_equal(again.root_translation, root_translation)
+    assert (again.translation, again.scale, again.given, again.times) == (None, None, None, None)
+
+
+@pytest.mark.parametrize(("d", "r"), [(2, 1), (3, 3)])
+def test_json_round_trip_of_all_that_a_bone_can_do(tmp_path, rng, d, r):
+    theta, move = rng.normal(size=(5, 2, r)), rng.normal(size=(5, d))
+    translation, scale = rng.normal(size=(5, 2, d)), rng.uniform(0.5, 2, (5, 2, d))
+    translation[1], scale[:, 0] = 0, 1
+    given = np.full((5, 2, d + 1, d + 1), np.nan)
+    given[3, 1] = np.eye(d + 1)
+    given[3, 1, :d] += rng.normal(size=(d, d + 1))
+    times = np.array([0, 0.5, 0.5, 2, 7.25])
+    write_motion_json(
+        tmp_path / "a.json", NAMES, theta, move, translation=translation, scale=scale, given=given, times=times
+    )
+    again = read_motion_json(tmp_path / "a.json", NAMES, d)
+    assert np.array_equal(again.given, given, equal_nan=True)
+    # What is given as a transform has nothing beside it.
+    theta[3, 1], translation[3, 1], scale[3, 1] = 0, 0, 1
+    assert np.allclose(again.theta, theta, rtol=1e-15, atol=1e-15)
+    for value, wanted in ((again.translation, translation), (again.scale, scale), (again.times, times)):
+        assert np.array_equal(value, wanted)
+    unknown = read_motion_json(tmp_path / "a.json")
+    assert unknown.names == NAMES
+    assert unknown.theta.shape == theta.shape
 
 
 def test_json_is_in_degrees_and_what_is_left_out_is_zero(motion):
     frames = [{"bone1": [0, 0, 180]}, {"root_translation": [1, 2, 3.5]}, {}]
-    theta, translation = motion({"frames": frames, "fps": 30})
+    found = motion({"frames": frames, "fps": 30})
+    theta, translation = found.theta, found.root_translation
+    assert found.times.tolist() == [0, 1 / 30, 2 / 30]
     assert theta.shape == (3, 2, 3)
     assert theta[0, 1].tolist() == [0, 0, np.pi]
     assert np.count_nonzero(theta) == 1
@@ -94,9 +122,35 @@ def test_json_is_in_degrees_and_what_is_left_out_is_zero(motion):
 
 
 def test_json_in_the_plane_takes_one_angle(motion):
-    theta, translation = motion({"frames": [{"bone0": 90, "bone1": [-90], "root_translation": [1, 2]}]}, d=2)
-    assert theta.tolist() == [[[np.pi / 2], [-np.pi / 2]]]
-    assert translation.tolist() == [[1, 2]]
+    found = motion({"frames": [{"bone0": 90, "bone1": [-90], "root_translation": [1, 2]}]}, d=2)
+    assert found.theta.tolist() == [[[np.pi / 2], [-np.pi / 2]]]
+    assert found.root_translation.tolist() == [[1, 2]]
+
+
+def test_json_of_a_bone_that_moves_and_grows(motion):
+    bone = {"rotation": [0, 0, 90], "translation": [1, 2, 3], "scale": 2}
+    found = motion({"frames": [{"bone1": bone}, {"bone0": {"scale": [1, 2, 3]}, "bone1": {"translation": [1, 0, 0]}}]})
+    assert found.theta[0, 1].tolist() == [0, 0, np.pi / 2]
+    assert found.translation.tolist() == [[[0, 0, 0], [1, 2, 3]], [[0, 0, 0], [1, 0, 0]]]
+    assert found.scale.tolist() == [[[1, 1, 1], [2, 2, 2]], [[1, 2, 3], [1, 1, 1]]]
+    assert found.given is None
+
+
+def test_json_of_a_given_transform(motion):
+    found = motion({"frames": [{}, {"bone0": {"matrix": [[1, 0, 5], [0, 2, 6], [0, 0, 1]]}}]}, d=2)
+    assert found.given[1, 0].tolist() == [[1, 0, 5], [0, 2, 6], [0, 0, 1]]
+    assert np.isnan(found.given).sum() == 3 * 9
+
+
+def test_json_times_of_frames_win_over_their_rate(motion):
+    assert motion({"fps": 10, "frames": [{"time": 1}, {"time": 1.5}]}).times.tolist() == [1, 1.5]
+
+
+def test_json_of_more_poses_than_memory_is_refused(motion, monkeypatch):
+    monkeypatch.setattr(motion_files, "_POSES", 5)
+    assert len(motion({"frames": [{}, {}]}).theta) == 2
+    with pytest.raises(FileFormatError, match="3 frames of 2 bones are too many"):
+        motion({"frames": [{}, {}, {}]})
 
 
 @pytest.mark.parametrize(
@@ -107,7 +161,7 @@ def test_json_in_the_plane_takes_one_angle(motion):
         ('{"frames": [{"bone0": [0, 0, -Infinity]}]}', "-Infinity is not a finite number"),
         ('{"frames": [{"bone0": [0, 0, 1e999]}]}', ": frame 0, bone0: expected three angles, got [0, 0, Infinity]"),
         ('{"frames": [{}, {"bone1": [0, 0, 1' + "0" * 400 + "]}]}", ": frame 1, bone1: expected three angles"),
-        ('{"frames": [{"bone0": ' + "9" * 5000 + "}]}", "no JSON of a motion"),
+        ('{"frames": [{"bone0": ' + "9" * 5000 + "}]}", "this JSON cannot be used"),
         ('{"frames": [{"bone0": [0,0,1], "bone0": [0,0,2]}]}', "'bone0' stands twice in one object"),
         ("[" * 100_000 + "]" * 100_000, "the JSON is nested too deep"),
         ('{"a":' * 100_000 + "1" + "}" * 100_000, "the JSON is nested too deep"),
@@ -117,7 +171,20 @@ def test_json_in_the_plane_takes_one_angle(motion):
         ({"frames": {}}, 'one object with a list "frames"'),
         ({"frames": []}, "the motion has no frame"),
         ({"frames": [{}], "speed": 1}, "unknown entry 'speed'"),
-        ({"frames": [{}], "fps": "fast"}, '"fps" must be a number'),
+        ({"frames": [{}], "fps": "fast"}, '"fps" must be a number above zero'),
+        ({"frames": [{}], "fps": 0}, '"fps" must be a number above zero'),
+        ({"frames": [{"time": 0}, {}]}, 'frame 1: "time" must be a number of seconds'),
+        ({"frames": [{"time": "now"}]}, 'frame 0: "time" must be a number of seconds'),
+        ({"frames": [{"time": 1}, {"time": 0.5}]}, "frame 1: its time 0.5 is before that of the frame before"),
+        ({"frames": [{"bone0": {"rotation": [0, 1]}}]}, "frame 0, bone0: expected three angles, got [0, 1]"),
+        ({"frames": [{"bone0": {"translation": [0, 1]}}]}, "expected 3 finite numbers as translation, got [0, 1]"),
+        ({"frames": [{"bone0": {"scale": "big"}}]}, 'expected 1 or 3 finite numbers as scale, got "big"'),
+        ({"frames": [{"bone0": {"turn": 1}}]}, "unknown entry 'turn' beside"),
+        ({"frames": [{"bone0": {"matrix": [], "scale": 1}}]}, "nothing can stand beside it"),
+        ({"frames": [{"bone0": {"matrix": 1}}]}, "a matrix takes 4 rows of 4 finite numbers"),
+        ({"frames": [{"bone0": {"matrix": [[1, 0], [0, 1]]}}]}, "a matrix takes 4 rows of 4 finite numbers"),
+        ({"frames": [{"bone0": {"matrix": [[0] * 4] * 4}}]}, "the last [0, 0, 0, 1]"),
+        ('{"frames": [{"bone0": ' + "[" * 900 + "]" * 900 + "}]}", "expected three angles, got [[["),
         ({"frames": [{}, 3]}, "frame 1 must be an object"),
         ({"frames": [{}, {"head": [0, 0, 1]}]}, "frame 1: the rig has no bone 'head'"),
         ({"frames": [{"bone0": [0, 1]}]}, "frame 0, bone0: expected three angles, got [0, 1]"),
@@ -142,7 +209,7 @@ def test_json_in_the_plane_refuses_three_angles(motion):
 
 def test_json_that_is_no_text(tmp_path):
     (tmp_path / "a.json").write_bytes(b'{"frames": "\xff"}')
-    with pytest.raises(FileFormatError, match=r"a\.json: this is no JSON"):
+    with pytest.raises(FileFormatError, match=r"a\.json: this JSON cannot be used"):
         read_motion_json(tmp_path / "a.json", NAMES, 3)
 
 
@@ -153,24 +220,53 @@ def test_write_json_checks_its_names(tmp_path, names):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("wrong", [{"translation": np.zeros((1, 2, 2))}, {"scale": np.ones((1, 1, 3))},
+                                   {"given": np.full((1, 2, 3, 3), np.nan)}, {"times": [0, 1]}])  # fmt: skip
+def test_write_json_checks_what_bones_do(tmp_path, wrong):
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))} must be"):
+        write_motion_json(tmp_path / "a.json", NAMES, np.zeros((1, 2, 3)), np.zeros((1, 3)), **wrong)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_nests_without_end_is_shown_in_few_words():
+    nested = []
+    for _ in range(100_000):
+        nested = [nested]
+    assert motion_files._shown(nested) == "lists in lists without end"
+
+
 def test_json_of_an_unknown_rig(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('{"frames": [{}, {"leg": [0, 0, 90]}, {"arm": [90, 0, 0], "root_translation": [1, 2, 3]}]}')
-    names, theta, translation = read_any_motion_json(path)
-    assert names == ("leg", "arm")
-    assert theta.tolist() == [[[0] * 3] * 2, [[0, 0, np.pi / 2], [0] * 3], [[0] * 3, [np.pi / 2, 0, 0]]]
-    assert translation[2].tolist() == [1, 2, 3]
+    found = read_motion_json(path)
+    assert found.names == ("leg", "arm")
+    assert found.theta.tolist() == [[[0] * 3] * 2, [[0, 0, np.pi / 2], [0] * 3], [[0] * 3, [np.pi / 2, 0, 0]]]
+    assert found.root_translation[2].tolist() == [1, 2, 3]
 
 
-@pytest.mark.parametrize("frame", ['{"arm": 90}', '{"arm": [90]}', '{"root_translation": [0, 0], "arm": 90}'])
-def test_json_of_an_unknown_rig_in_the_plane(tmp_path, frame):
-    (tmp_path / "a.json").write_text(f'{{"frames": [{frame}]}}')
-    names, theta, translation = read_any_motion_json(tmp_path / "a.json")
-    assert (names, theta.tolist(), translation.tolist()) == (("arm",), [[[np.pi / 2]]], [[0, 0]])
+@pytest.mark.parametrize(
+    ("frame", "d"),
+    [
+        ('"arm": 90', 2),
+        ('"time": 0, "arm": [90]', 2),
+        ('"root_translation": [0, 0], "arm": 90', 2),
+        ('"arm": {"scale": 2, "rotation": 90}', 2),
+        ('"arm": {"translation": [1, 2]}', 2),
+        ('"arm": {"scale": 2}', 3),
+        ('"arm": {"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, 1]]}', 2),
+        ('"arm": {"matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}', 3),
+        ("", 3),
+    ],
+)
+def test_the_dimension_of_an_unknown_rig_is_that_of_its_entries(tmp_path, frame, d):
+    (tmp_path / "a.json").write_text(f'{{"frames": [{{{frame}}}]}}')
+    found = read_motion_json(tmp_path / "a.json")
+    assert found.root_translation.shape == (1, d)
+    assert found.theta.shape == (1, 1 if frame else 0, 1 if d == 2 else 3)
 
 
 def test_json_of_an_unknown_rig_is_checked_too(tmp_path):
     for frames in ('[{"arm": [1, 2, 3]}, {"arm": 1}]', "[3]", '[{"arm": null}]'):
         (tmp_path / "a.json").write_text(f'{{"frames": {frames}}}')
         with pytest.raises(FileFormatError, match=r"a\.json: frame"):
-            read_any_motion_json(tmp_path / "a.json")
+            read_motion_json(tmp_path / "a.json")

@@ -1,0 +1,79 @@
+"""JSON without its surprises: no names given twice, no NaN, no endless nesting."""
+
+import json
+import os
+
+from nilbs.io.bounded import file_bytes
+from nilbs.io.errors import FileFormatError
+
+_LARGEST = 1e150  # of a number, which JSON writes with any exponent; its square is still one
+
+
+def read_json(path: str | os.PathLike) -> object:
+    """Read a JSON file.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    value : dict, list, str, int, float, bool or None
+        Numbers as they stand: a whole number may be too large for a float, see `finite_vector`.
+
+    Raises
+    ------
+    FileFormatError
+        With the line, where the text is no JSON; if it is nested too deep, or one object has a name twice.
+    OSError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "a.json"
+    >>> _ = path.write_text('{"fps": 30}')
+    >>> read_json(path)
+    {'fps': 30}
+    """
+    data = file_bytes(path)
+    try:
+        return json.loads(data.decode("utf-8-sig"), object_pairs_hook=_object, parse_constant=_constant)
+    except json.JSONDecodeError as error:
+        raise FileFormatError(path, f"this is no JSON: {error.msg}", error.lineno) from None
+    except RecursionError:
+        raise FileFormatError(path, "the JSON is nested too deep") from None
+    # Bytes that are no text, names given twice, NaN, and whole numbers of thousands of digits.
+    except ValueError as error:
+        raise FileFormatError(path, f"this JSON cannot be used: {str(error)[:120]}") from None
+
+
+def finite_vector(value: object, *sizes: int) -> list[float] | None:
+    """The finite numbers of a list, or of one number alone; None for anything else, or where they are too few or many.
+
+    Examples
+    --------
+    >>> finite_vector([1, 2.5], 2), finite_vector(3, 1, 2), finite_vector([1, "2"], 2), finite_vector(10**400, 1)
+    ([1.0, 2.5], [3.0], None, None)
+    """
+    values = value if isinstance(value, list) else [value]
+    if len(values) not in sizes:
+        return None
+    # Compared as they are: a whole number may be too large for a float.
+    numbers = [
+        float(x) for x in values if isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= _LARGEST
+    ]
+    return numbers if len(numbers) == len(values) else None
+
+
+def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        seen: set[str] = set()
+        twice = next(name for name, _ in pairs if name in seen or seen.add(name))  # type: ignore[func-returns-value]
+        raise ValueError(f"{twice[:80]!r} stands twice in one object")
+    return found
+
+
+def _constant(name: str) -> object:
+    raise ValueError(f"{name} is not a finite number")
