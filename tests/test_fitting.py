@@ -14,6 +14,7 @@ from nilbs.app.main import main
 from nilbs.character import Character, assemble
 from nilbs.fields.objective import NilbsObjective
 from nilbs.fitting import fit, remove_checkpoint
+from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.archive import read_archive
 from nilbs.io.errors import FileFormatError
 from nilbs.io.mesh import write_mesh
@@ -25,6 +26,7 @@ from nilbs.settings import Settings
 
 V, E = np.array([[0, 0], [2, 0], [2, 0.6], [0, 0.6]]), np.array([[0, 1, 2], [0, 2, 3]])
 C, BE = np.array([[0.2, 0.3], [1, 0.3], [1.8, 0.3]]), np.array([[0, 1], [1, 2]])
+BONES = Skeleton(C, BE, [-1, 0], ("bone0", "bone1"))
 W = np.array([[1, 0], [0, 1], [0, 1], [1, 0.0]])
 SIZES = {
     "width": 8,
@@ -56,7 +58,7 @@ def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def bar() -> tuple[Character, Motion]:
-    character = assemble(V, E, C, BE, W, name="bar")
+    character = assemble(V, E, BONES, W, name="bar")
     return character, random_motion(character, frames=4)
 
 
@@ -171,7 +173,7 @@ def test_the_checkpoint_of_another_training_is_refused(bar, tmp_path: Path, monk
         watched(patch, interrupt_at=REFRESH)
         with pytest.raises(KeyboardInterrupt):
             fit(character, motion, TINY, checkpoint=path)
-    other = assemble(V, E, C, BE, W[:, ::-1], name="bar")
+    other = assemble(V, E, BONES, W[:, ::-1], name="bar")
     for given in (
         (character, motion, Settings(**(vars(TINY) | {"seed": 1}))),
         (character, random_motion(character, frames=4, seed=1), TINY),
