@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nilbs.geometry.kinematics import bone_parents
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.atomic import check_writable, replacing
 from nilbs.io.errors import check_suffix
@@ -190,7 +189,7 @@ class _Character:
 
     def weights(self) -> np.ndarray:
         if self.W is None:
-            raise ValueError("there are no weights to write: give their file, or solve for them")
+            raise ValueError("there are no weights to write: give their file, or solve for them (--solve)")
         return self.W
 
 
@@ -213,11 +212,9 @@ def _write(path: Path, named: Path, character: _Character) -> tuple[tuple[str, .
         notes = write_rignet(path, c.rig(), c.W)
         return ("rig",) if c.W is None else ("rig", "weights"), notes
     if suffix == ".tgf":
-        from nilbs.io.tgf import write_tgf
+        from nilbs.io.tgf import write_tgf_skeleton
 
-        C, BE = _bones_end_to_start(c.rig())
-        write_tgf(path, C, BE)
-        return ("rig",), _lost_in_tgf(c.rig(), BE)
+        return ("rig",), write_tgf_skeleton(path, c.rig())
     if suffix == ".bvh":
         from nilbs.io.bvh import write_bvh
 
@@ -262,43 +259,6 @@ def _holds_motion(path: Path, c: _Character) -> bool:
             "a .dmat file holds the weights or the motion: call it ...-weights.dmat or ...-motion.dmat, to say which"
         )
     return bool(c.clips)
-
-
-def _bones_end_to_start(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """Joints and bones whose parents follow from shared joints, as a `.tgf` file needs them, wherever places allow.
-
-    Returns
-    -------
-    C : (k', d) float array
-    BE : (b, 2) int array
-        A bone starts at the joint where its parent ends, if the two are at one place; else at a joint of its own.
-    """
-    C, BE, P = skeleton.C, skeleton.BE, skeleton.P
-    b = len(BE)
-    ending = np.full(len(C), -1)
-    ending[BE[:, 1]] = np.arange(b)
-    if len(np.unique(BE[:, 1])) == b and (ending[BE[:, 0]] == P).all():
-        return C, BE
-    first, second = C[BE[:, 0]], C[BE[:, 1]]
-    joined = (P >= 0) & (first == second[P]).all(axis=1)
-    # Joint t of bone t is where it ends; then come the joints where bones start that no parent leads to.
-    starts, place = np.unique(BE[~joined, 0], return_inverse=True)
-    new = np.stack([P, np.arange(b)], axis=1)
-    new[~joined, 0] = b + place
-    return np.concatenate([second, C[starts]]), new
-
-
-def _lost_in_tgf(skeleton: Skeleton, BE: np.ndarray) -> tuple[str, ...]:
-    notes = []
-    if skeleton.names != tuple(f"bone{bone}" for bone in range(len(BE))):
-        notes.append("a .tgf file holds no names: bones are read as bone0, bone1, ...")
-    lost = np.flatnonzero(bone_parents(BE) != skeleton.P)
-    if len(lost):
-        notes.append(
-            f"a .tgf file holds no parent that ends elsewhere than its child starts: {len(lost)} bones become roots, "
-            f"{skeleton.names[lost[0]]!r} first"
-        )
-    return tuple(notes)
 
 
 def _skeleton_in_space(skeleton: Skeleton) -> Skeleton:

@@ -133,7 +133,7 @@ def test_tgf_keeps_the_parents_that_end_where_children_start(kind, roots, rng, t
     assert np.flatnonzero(P < 0).tolist() == roots
     assert (P[P >= 0] == skeleton.P[P >= 0]).all()
     lost = len(roots) - int((skeleton.P < 0).sum())
-    assert any(f"{lost} bones become roots" in note for note in written.notes) == (lost > 0)
+    assert any("read as roots" in note for note in written.notes) == (lost > 0)
     assert any("holds no names" in note for note in written.notes) == (kind is tree)
 
 

@@ -5,7 +5,10 @@ from itertools import permutations
 import numpy as np
 
 from nilbs.app.contents import Content
-from nilbs.character import check_joints_near, rig_in_mesh_dimension
+from nilbs.character import in_dimension
+from nilbs.geometry.kinematics import bone_parents
+from nilbs.geometry.skeleton import Skeleton
+from nilbs.weighting import check_rig_fits
 
 
 def disagreements(contents: list[Content]) -> list[str]:
@@ -52,10 +55,13 @@ def _motion_of_rig(motion: dict, rig: dict) -> str | None:
 def _rig_of_mesh(rig: dict, mesh: dict) -> str | None:
     V = mesh["V"]
     try:
-        C = rig_in_mesh_dimension(V, rig["C"])
-        check_joints_near(V, C)
+        BE = rig["BE"]
+        names = tuple(f"bone{bone}" for bone in range(len(BE)))
+        skeleton = in_dimension(Skeleton(rig["C"], BE, bone_parents(BE), names), V.shape[1])
+        check_rig_fits(V, skeleton)
     except ValueError as error:
         return str(error)
+    C = skeleton.C
     outside = ((V.min(axis=0) > C) | (V.max(axis=0) < C)).any(axis=1)
     if not outside.any():
         return None

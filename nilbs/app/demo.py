@@ -3,7 +3,7 @@
 import argparse
 import sys
 
-from nilbs.app.options import add_json, add_seed, whole
+from nilbs.app.options import add_json, add_points, add_resolution, add_seed, whole
 
 FRAMES = 100
 
@@ -20,27 +20,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--frames", type=whole(1), default=FRAMES, metavar="N", help=f"poses of its animation (default {FRAMES})"
     )
     parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
-    parser.add_argument(
-        "--points", type=whole(1), default=100_000, metavar="N", help="points per frame of the scores (default 100000)"
-    )
-    parser.add_argument(
-        "--resolution", type=whole(2), default=128, metavar="N", help="cells along the grid's edge (default 128)"
-    )
+    add_points(parser)
+    add_resolution(parser)
     add_seed(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     """Draw, solve, train, score, and write it all down."""
-    import json
     from pathlib import Path
     from time import perf_counter
 
-    from nilbs.app.output import plain, show
-    from nilbs.character import load_character
+    from nilbs.app.output import show
+    from nilbs.app.scoring import write_scores
     from nilbs.gingerbread import write_gingerbread
-    from nilbs.io import check_writable, replacing
-    from nilbs.io.weights import write_weights
+    from nilbs.io import check_writable, write_weights
+    from nilbs.loading import load_character
     from nilbs.motion import random_motion
 
     clock, seconds = [perf_counter()], {}
@@ -71,16 +66,13 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.evaluation import evaluate
 
     scores = evaluate(model, points=args.points, resolution=args.resolution, seed=args.seed, progress=True)
-    with replacing(out / "scores.json", "w") as file:
-        file.write(json.dumps(plain(scores.json()), indent=1, allow_nan=False) + "\n")
-    with replacing(out / "scores.txt", "w") as file:
-        file.write(f"{scores}\n")
+    tables = write_scores(scores, out)
     done("scores")
 
     from nilbs.figures import write_figures
 
     figures = write_figures(model, out, resolution=args.resolution)
     done("pictures")
-    files = [mesh, rig, weights, path, out / "scores.json", out / "scores.txt", *figures]
+    files = [mesh, rig, weights, path, *tables, *figures]
     table = "\n".join([str(scores), "", "written:", *(f"  {file}" for file in files)])
     show(scores.json() | {"seconds": seconds, "files": files}, as_json=args.json, table=table)

@@ -2,7 +2,7 @@
 
 import argparse
 
-from nilbs.app.options import add_json, add_seed, whole
+from nilbs.app.options import add_json, add_points, add_resolution, add_seed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -10,22 +10,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
     parser.add_argument("--out", metavar="DIR", help="also write scores.json, scores.txt and pictures here")
     parser.add_argument(
-        "--points", type=whole(1), default=100_000, metavar="N", help="points per frame of the scores (default 100000)"
+        "--rows",
+        nargs="+",
+        default=(),
+        choices=("floor",),
+        metavar="ROW",
+        help="score this beside the model: floor, the true mesh's own distance on the same grid",
     )
-    parser.add_argument(
-        "--resolution", type=whole(2), default=128, metavar="N", help="cells along the grid's edge (default 128)"
-    )
+    add_points(parser)
+    add_resolution(parser)
     add_seed(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     """Score, write and report."""
-    import json
     from pathlib import Path
 
-    from nilbs.app.output import plain, show
-    from nilbs.io import check_writable, replacing
+    from nilbs.app.output import show
+    from nilbs.app.scoring import write_scores
+    from nilbs.io import check_writable
     from nilbs.model import load_model
 
     model = load_model(args.model)
@@ -35,13 +39,12 @@ def run(args: argparse.Namespace) -> None:
 
     from nilbs.evaluation import evaluate
 
-    scores = evaluate(model, points=args.points, resolution=args.resolution, seed=args.seed, progress=True)
+    scores = evaluate(
+        model, points=args.points, resolution=args.resolution, seed=args.seed, rows=args.rows, progress=True
+    )
     if args.out is not None:
         from nilbs.figures import write_figures
 
-        with replacing(Path(args.out) / "scores.json", "w") as file:
-            file.write(json.dumps(plain(scores.json()), indent=1, allow_nan=False) + "\n")
-        with replacing(Path(args.out) / "scores.txt", "w") as file:
-            file.write(f"{scores}\n")
+        write_scores(scores, Path(args.out))
         write_figures(model, args.out, resolution=args.resolution)
     show(scores.json(), as_json=args.json, table=str(scores))

@@ -2,16 +2,14 @@
 
 import argparse
 
-from nilbs.app.options import add_json, add_pose, whole
+from nilbs.app.options import add_json, add_pose, add_resolution
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
     add_pose(parser)
-    parser.add_argument(
-        "--resolution", type=whole(2), default=128, metavar="N", help="grid cells along each edge (default 128)"
-    )
+    add_resolution(parser)
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the mesh to write, .obj or .ply")
     add_json(parser)
 
@@ -29,7 +27,7 @@ def run(args: argparse.Namespace) -> None:
     check_suffix(args.output, ".obj", ".ply")
     check_writable(args.output)
     model = load_model(args.model)
-    pose = chosen_pose(model, args.motion, args.frame)
+    pose = chosen_pose(model, args)
     start = perf_counter()
     U, F = model.extract(pose, resolution=args.resolution)
     seconds = perf_counter() - start

@@ -14,6 +14,7 @@ import nilbs
 COMMANDS = {
     "demo": "a gingerbread man from nothing to scores and pictures",
     "info": "what a mesh, rig, motion, weights or model file holds, and what is wrong with it",
+    "convert": "bring meshes, rigs, weights and motions from one format to another",
     "weights": "solve for bounded biharmonic skinning weights",
     "train": "fit a field to a rigged mesh and a motion",
     "query": "occupancy or signed distance of points in a pose",

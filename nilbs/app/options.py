@@ -3,6 +3,9 @@
 import argparse
 from collections.abc import Callable
 
+POINTS = 100_000
+RESOLUTION = 128
+
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json."""
@@ -14,13 +17,80 @@ def add_seed(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="seed of all that is random (default 0)")
 
 
-def add_pose(parser: argparse.ArgumentParser) -> None:
-    """Add --motion and --frame, which name a pose of a model."""
+def add_character(parser: argparse.ArgumentParser) -> None:
+    """Add MESH, RIG and --group."""
     parser.add_argument(
-        "--motion", metavar="FILE", help="a motion, .dmat or .json; the motion the model was trained on by default"
+        "mesh",
+        metavar="MESH",
+        help="the rest mesh, .obj, .ply, .off or .stl (flat, z = 0, for two dimensions); or a file that holds its rig "
+        "too: .glb, .gltf, .fbx, .npz of the SMPL family",
     )
     parser.add_argument(
-        "--frame", type=whole(0), required=True, metavar="K", help="number of the frame in that motion, from 0"
+        "rig", metavar="RIG", nargs="?", help="its joints and bones, where MESH has none: .tgf, .txt, .mhskel, .bvh"
+    )
+    add_group(parser)
+
+
+def add_group(parser: argparse.ArgumentParser) -> None:
+    """Add --group."""
+    parser.add_argument("--group", metavar="NAME", help="the group or object of the mesh to take; all by default")
+
+
+def add_solve(parser: argparse.ArgumentParser) -> None:
+    """Add --solve."""
+    parser.add_argument("--solve", action="store_true", help="solve for weights even where the rig's file has some")
+
+
+def add_motion(parser: argparse.ArgumentParser, otherwise: str) -> None:
+    """Add --motion, --map and --clip; `otherwise` says what moves without --motion."""
+    parser.add_argument(
+        "--motion",
+        metavar="FILE",
+        help=f"a motion, .dmat, .json, .bvh, .glb, .gltf or .fbx; {otherwise} by default",
+    )
+    add_mapping(parser)
+
+
+def add_mapping(parser: argparse.ArgumentParser) -> None:
+    """Add --map and --clip, which say what of a motion's file moves which bone."""
+    parser.add_argument("--map", metavar="FILE", help="which bone of the motion moves which of the rig, .json")
+    parser.add_argument(
+        "--clip", metavar="NAME", help="which of the motions in a file that holds several; the first by default"
+    )
+
+
+def add_pose(parser: argparse.ArgumentParser) -> None:
+    """Add --motion with --frame or --time, which name a pose of a model."""
+    add_motion(parser, "the motion that the model was trained on")
+    when = parser.add_mutually_exclusive_group(required=True)
+    when.add_argument("--frame", type=whole(0), metavar="K", help="number of the frame in that motion, from 0")
+    when.add_argument(
+        "--time",
+        type=not_negative,
+        metavar="SECONDS",
+        help="time in that motion; between two frames it is interpolated",
+    )
+
+
+def add_points(parser: argparse.ArgumentParser) -> None:
+    """Add --points."""
+    parser.add_argument(
+        "--points",
+        type=whole(1),
+        default=POINTS,
+        metavar="N",
+        help=f"points per frame of the scores (default {POINTS})",
+    )
+
+
+def add_resolution(parser: argparse.ArgumentParser) -> None:
+    """Add --resolution."""
+    parser.add_argument(
+        "--resolution",
+        type=whole(2),
+        default=RESOLUTION,
+        metavar="N",
+        help=f"cells along the longest edge of the grid that surfaces are extracted on (default {RESOLUTION})",
     )
 
 

@@ -1,23 +1,57 @@
-"""Which pose `--motion FILE --frame K` means."""
+"""Which motion `--motion FILE --map FILE --clip NAME` means, and which pose of it `--frame K` or `--time SECONDS`."""
 
+import argparse
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from nilbs.geometry.skeleton import Skeleton
     from nilbs.model import Model
+    from nilbs.motion import Motion
 
 
-def chosen_pose(model: "Model", motion_file: str | None, frame: int) -> "np.ndarray":
+def tell(line: str) -> None:
+    """Tell the user what was decided, on standard error."""
+    print(f"nilbs: {line}", file=sys.stderr)
+
+
+def motion_of_file(args: argparse.Namespace, skeleton: "Skeleton") -> "Motion":
+    """The motion of a skeleton in the file that `--motion` names.
+
+    Raises
+    ------
+    FileFormatError, ValueError, OSError
+        If the file holds no such motion.
+    """
+    from nilbs.motion import read_motion
+
+    return read_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=tell)
+
+
+def check_motion_options(args: argparse.Namespace) -> None:
+    """Refuse options that say how to read a motion's file where there is none.
+
+    Raises
+    ------
+    ValueError
+        Naming the option.
+    """
+    if args.motion is None:
+        for option, value in (("--map", args.map), ("--clip", args.clip)):
+            if value is not None:
+                raise ValueError(f"{option} says how to read a motion: give one with --motion")
+
+
+def chosen_pose(model: "Model", args: argparse.Namespace) -> "np.ndarray":
     """The pose that a user chose.
 
     Parameters
     ----------
     model : Model
-    motion_file : str, optional
-        The file of the motion; the one the model was trained on by default.
-    frame : int
-        Counted from 0.
+    args : argparse.Namespace
+        Of `nilbs.app.options.add_pose`.
 
     Returns
     -------
@@ -26,12 +60,16 @@ def chosen_pose(model: "Model", motion_file: str | None, frame: int) -> "np.ndar
     Raises
     ------
     FileFormatError, ValueError, OSError
-        If the file is no motion of this character, or has no such frame.
+        If the file is no motion of this character, or has no such frame or time.
     """
-    from nilbs.motion import read_motion
-
-    motion = model.motion if motion_file is None else read_motion(motion_file, model.character)
-    if not 0 <= frame < len(motion):
-        name = "the motion of the model" if motion_file is None else motion_file
-        raise ValueError(f"{name}: there is no frame {frame}; it has {len(motion)} frames, counted from 0")
-    return motion[frame]
+    check_motion_options(args)
+    motion = model.motion if args.motion is None else motion_of_file(args, model.character.skeleton)
+    name = "the motion of the model" if args.motion is None else args.motion
+    if args.time is not None:
+        try:
+            return motion.at(seconds=args.time)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+    if not args.frame < len(motion):
+        raise ValueError(f"{name}: there is no frame {args.frame}; it has {len(motion)} frames, counted from 0")
+    return motion[args.frame]

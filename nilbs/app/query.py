@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     d = model.character.d
     if x.ndim != 2 or x.shape[1] != d:
         raise FileFormatError(args.points, f"points must be (n, {d}) for this model, the file holds {x.shape}")
-    pose = chosen_pose(model, args.motion, args.frame)
+    pose = chosen_pose(model, args)
     start = perf_counter()
     values = model.distance(x, pose) if args.distance else model.occupancy(x, pose)
     seconds = perf_counter() - start

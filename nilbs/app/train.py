@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from nilbs.app.options import add_json, add_seed, not_negative, whole
+from nilbs.app.options import add_character, add_json, add_motion, add_seed, add_solve, not_negative, whole
 
 if TYPE_CHECKING:
     from nilbs.character import Character
@@ -16,12 +16,15 @@ AMPLITUDE = 0.4  # rad
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("mesh", metavar="MESH", help="the rest mesh, .obj or .ply; flat (z = 0) for two dimensions")
-    parser.add_argument("rig", metavar="RIG", help="its joints and bones, .tgf")
-    parser.add_argument("--motion", metavar="FILE", help="a motion, .dmat or .json; smooth random motion by default")
+    add_character(parser)
+    add_motion(parser, "smooth random motion")
     parser.add_argument(
-        "--weights", metavar="FILE", help="skinning weights, .dmat or .npz; bounded biharmonic weights by default"
+        "--weights",
+        metavar="FILE",
+        help="skinning weights, .dmat, .npz or .mhw; by default those in the rig's file, else bounded biharmonic "
+        "weights are solved for",
     )
+    add_solve(parser)
     parser.add_argument(
         "--frames",
         type=whole(1),
@@ -57,21 +60,25 @@ def run(args: argparse.Namespace) -> None:
     from time import perf_counter
 
     from nilbs.app.output import show
-    from nilbs.character import load_character
+    from nilbs.app.poses import check_motion_options, motion_of_file, tell
     from nilbs.io import check_suffix, check_writable
+    from nilbs.loading import read_rigged_mesh
 
     # Before the work: what would fail only after it.
     check_suffix(args.output, ".nilbs")
     check_writable(args.output)
     if args.motion is not None and args.amplitude is not None:
         raise ValueError("--amplitude is of random motion: it cannot stand beside --motion")
+    check_motion_options(args)
     from nilbs.fitting import fit, remove_checkpoint
     from nilbs.model import torch_device
 
     device = torch_device(args.device)
     start = perf_counter()
-    character = load_character(args.mesh, args.rig, args.weights, progress=True, report=_report)
-    motion = _motion(args, character)
+    rigged = read_rigged_mesh(args.mesh, args.rig, args.weights, group=args.group, solve=args.solve, report=tell)
+    given = None if args.motion is None else motion_of_file(args, rigged.skeleton).take(args.frames)
+    character = rigged.assemble(progress=True, report=tell)
+    motion = _random_motion(args, character) if given is None else given
     checkpoint = f"{args.output}.checkpoint"
     settings = {"seed": args.seed, "supervision": args.supervision} | (
         {} if args.steps is None else {"steps": args.steps}
@@ -84,7 +91,7 @@ def run(args: argparse.Namespace) -> None:
             checkpoint=checkpoint,
             resume=args.resume,
             progress=True,
-            report=_report,
+            report=tell,
             **settings,
         )
     except KeyboardInterrupt as interrupt:
@@ -115,14 +122,8 @@ def peak_memory_mib() -> float | None:
     return getrusage(RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 
-def _motion(args: argparse.Namespace, character: "Character") -> "Motion":
-    from nilbs.motion import random_motion, read_motion
+def _random_motion(args: argparse.Namespace, character: "Character") -> "Motion":
+    from nilbs.motion import random_motion
 
-    if args.motion is not None:
-        return read_motion(args.motion, character).take(args.frames)
     amplitude = AMPLITUDE if args.amplitude is None else args.amplitude
     return random_motion(character, frames=args.frames, amplitude=amplitude, seed=args.seed)
-
-
-def _report(line: str) -> None:
-    print(f"nilbs: {line}", file=sys.stderr)

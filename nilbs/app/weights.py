@@ -2,13 +2,12 @@
 
 import argparse
 
-from nilbs.app.options import add_json
+from nilbs.app.options import add_character, add_json
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("mesh", metavar="MESH", help="the rest mesh, .obj or .ply; flat (z = 0) for two dimensions")
-    parser.add_argument("rig", metavar="RIG", help="its joints and bones, .tgf")
+    add_character(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help="the weights to write, .npz or .dmat")
     parser.add_argument(
         "--method",
@@ -25,21 +24,33 @@ def run(args: argparse.Namespace) -> None:
 
     import numpy as np
 
-    from nilbs.character import check_joints_near, rig_in_mesh_dimension, solve_weights
-    from nilbs.io import check_suffix, check_writable, read_mesh, read_tgf, write_weights
+    from nilbs.app.output import rows, show
+    from nilbs.app.poses import tell
+    from nilbs.geometry.orientation import coherent_orientation
+    from nilbs.io import check_suffix, check_writable, write_weights
+    from nilbs.loading import read_rigged_mesh
+    from nilbs.weighting import solve_weights
 
     if args.output is not None:
         check_suffix(args.output, ".npz", ".dmat")
         check_writable(args.output)
-    V, E = read_mesh(args.mesh)
-    C, BE = read_tgf(args.rig)
+    notes: list[str] = []
+
+    def noted(line: str) -> None:
+        notes.append(line)
+        tell(line)
+
+    rigged = read_rigged_mesh(args.mesh, args.rig, group=args.group, solve=True, report=noted)
+    V, E = rigged.V, rigged.E
     start = perf_counter()
     try:
-        check_joints_near(V, rig_in_mesh_dimension(V, C))
-        solved = solve_weights(V, E, C, BE, method=args.method, progress=True)
+        E = coherent_orientation(V, E)[0] if V.shape[1] == 3 else E
+        solved = solve_weights(V, E, rigged.skeleton, method=args.method, progress=True)
     except ValueError as error:
-        raise ValueError(f"{args.mesh} with {args.rig}: {error}") from error
+        raise ValueError(f"{rigged.files}: {error}") from error
     seconds = perf_counter() - start
+    for note in solved.notes:
+        noted(note)
     values = {
         "min": solved.W.min(),
         "max": solved.W.max(),
@@ -48,12 +59,10 @@ def run(args: argparse.Namespace) -> None:
         "seconds": seconds,
         "method": solved.method,
         "vertices": len(V),
-        "bones": len(BE),
-        "volume_vertices": len(solved.V),
+        "bones": len(rigged.skeleton.BE),
+        "volume_vertices": len(solved.V_volume),
     }
     if args.output is not None:
-        write_weights(args.output, solved.W[: len(V)])
+        write_weights(args.output, solved.W)
         values["output"] = args.output
-    from nilbs.app.output import show
-
-    show(values, as_json=args.json)
+    show(values | {"notes": notes}, as_json=args.json, table=rows(values))

@@ -65,9 +65,14 @@ def test_weights_as_a_table(assets, nilbs):
         (["weights", "bar2.obj", "bar.tgf", "-o", "out/no/w.npz"], "out/no: the folder does not exist"),
         (["weights", "bar2.obj", "bar.tgf", "-o", "out/w.csv"], "out/w.csv: the file name must end in .npz or .dmat"),
         (["weights", "bar2.obj", "bar.tgf", "-o", "out"], "out: the file name must end in"),
-        (["weights", "bar3-weights.npz", "bar.tgf"], "bar3-weights.npz: the file name must end in .obj or .ply"),
-        (["weights", "open.obj", "bar.tgf"], "open.obj with {}/bar.tgf: "),
-        (["weights", "bar2.obj", "far.tgf"], "bar2.obj with {}/far.tgf: joint 2 "),
+        (
+            ["weights", "bar3-weights.npz", "bar.tgf"],
+            "bar3-weights.npz: the file holds weights of vertices and no mesh",
+        ),
+        (["weights", "bar2.obj", "bar3.obj"], "bar3.obj: the file holds no rig"),
+        (["weights", "bar2.obj"], "bar2.obj: the file holds no rig: give its file after the mesh"),
+        (["weights", "bar2.obj", "far.tgf"], "bar2.obj with {}/far.tgf: the rig is "),
+        (["weights", "bar2.obj", "bar.tgf", "--group", "arm"], "bar2.obj with {}/bar.tgf: the mesh has no group 'arm'"),
         (["train", "bar2.obj", "bar.tgf", "-o", "out/m.npz"], "out/m.npz: the file name must end in .nilbs"),
         (["train", "bar2.obj", "bar.tgf", "-o", "out/no/m.nilbs"], "out/no: the folder does not exist"),
         (["train", "bar2.obj", "bar.tgf", "--device", "abacus", "-o", "out/m.nilbs"], "torch cannot use the device"),
@@ -83,10 +88,28 @@ def test_weights_as_a_table(assets, nilbs):
             ["train", "bar2.obj", "bar.tgf", "--motion", "one.dmat", "--amplitude", "1", "-o", "out/m.nilbs"],
             "--amplitude is of random motion",
         ),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--motion", "one.dmat", "--map", "m.json", "-o", "out/m.nilbs"],
+            "one.dmat: a .dmat file moves the character's own bones: there is no bone map to choose",
+        ),
+        (["train", "bar2.obj", "bar.tgf", "--clip", "walk", "-o", "out/m.nilbs"], "--clip says how to read a motion"),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--weights", "bar2-weights.npz", "--solve", "-o", "out/m.nilbs"],
+            "weights are solved for or read from {}/bar2-weights.npz, not both",
+        ),
+        (["train", "bar2.obj", "bar.tgf", "--motion", "bar2.obj", "-o", "out/m.nilbs"], "the name of a motion's file"),
         (["query", "bar2.nilbs", "x3.npy", "--frame", "0", "-o", "out/v.npy"], "x3.npy: points must be (n, 2)"),
         (
             ["query", "bar2.nilbs", "x2.npy", "--frame", "3", "-o", "out/v.npy"],
             "the motion of the model: there is no",
+        ),
+        (
+            ["query", "bar2.nilbs", "x2.npy", "--time", "9", "-o", "out/v.npy"],
+            "the motion of the model: there is no pose at 9 s: the motion lasts from 0 to 0.0833333 s",
+        ),
+        (
+            ["query", "bar2.nilbs", "x2.npy", "--frame", "0", "--map", "m.json", "-o", "out/v.npy"],
+            "--map says how to read a motion",
         ),
         (["query", "bar2.nilbs", "no.npy", "--frame", "0", "-o", "out/v.npy"], "no.npy: No such file or directory"),
         (["query", "bar2.obj", "x2.npy", "--frame", "0", "-o", "out/v.npy"], "bar2.obj: "),
@@ -109,9 +132,6 @@ def test_a_mistake_is_named_before_anything_is_written(assets, fails, tmp_path, 
     (tmp_path / "cut.nilbs").write_bytes(model[: len(model) // 2])
     model[len(model) // 2] ^= 1
     (tmp_path / "flipped.nilbs").write_bytes(model)
-    (tmp_path / "open.obj").write_text(
-        "".join((assets / "bar3.obj").read_text().splitlines(keepends=True)[:-5])  # the last faces are missing
-    )
     (tmp_path / "far.tgf").write_text("1 0.25 0.5 0\n2 2.1 0.5 0\n3 375 0.5 0\n#\n1 2\n2 3\n#\n")
     np.save(tmp_path / "x2.npy", np.zeros((4, 2)))
     np.save(tmp_path / "x3.npy", np.zeros((4, 3)))

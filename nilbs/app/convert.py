@@ -1,0 +1,61 @@
+"""`nilbs convert`: meshes, rigs, weights and motions from the files that there are to the files that are wanted."""
+
+import argparse
+
+from nilbs.app.options import add_group, add_json, add_mapping, add_solve
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument(
+        "inputs",
+        nargs="+",
+        metavar="IN",
+        help="files of one character, in any order: a mesh, a rig, weights, motions, or several of these in one file",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        nargs="+",
+        metavar="OUT",
+        required=True,
+        help=".glb (everything), .obj or .ply (the mesh), .txt (rig and weights, as RigNet), .tgf (the rig), .dmat "
+        "(the motion or the weights), .npz (the weights), .bvh (rig and motion)",
+    )
+    add_group(parser)
+    add_solve(parser)
+    add_mapping(parser)
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Read, write and report."""
+    from nilbs.app.inputs import gather
+    from nilbs.app.output import show
+    from nilbs.motion import read_motion
+    from nilbs.saving import write_files
+
+    notes: list[str] = []
+    inputs = gather(
+        args.inputs,
+        read_motion=lambda path, skeleton: read_motion(
+            path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append
+        ),
+        clip=args.clip,
+        group=args.group,
+        solve=args.solve,
+        report=notes.append,
+    )
+    written = write_files(args.output, mesh=inputs.mesh, skeleton=inputs.skeleton, W=inputs.W, clips=inputs.clips)
+    sizes = inputs.sizes()
+    notes += [f"{file.path}: {note}" for file in written for note in file.notes]
+    notes += [f"no output holds the {what}" for what in sizes if not any(what in file.holds for file in written)]
+    lines = [f"{path}: {', '.join(held) or 'nothing that was taken'}" for path, held in inputs.taken.items()]
+    lines += [f"-> {file.path}: {'; '.join(f'{what} of {sizes[what]}' for what in file.holds)}" for file in written]
+    values = {
+        "inputs": inputs.taken,
+        "outputs": {str(file.path): list(file.holds) for file in written},
+        "sizes": sizes,
+        "notes": notes,
+    }
+    show(values, as_json=args.json, table="\n".join([*lines, *(f"note: {note}" for note in notes)]))

@@ -1,0 +1,209 @@
+"""Files go from one format to another by command, sorted by what they hold; nothing is half done."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from nilbs.geometry.kinematics import forward_kinematics, smooth_random_rotations
+from nilbs.geometry.skeleton import skeleton_of_joints
+from nilbs.io import read_mesh, read_parts, read_transforms, read_weights, write_mesh, write_motion_json
+from nilbs.io.bone_map import write_bone_map
+from nilbs.io.parts import Clip, Mesh
+from nilbs.loading import in_space, read_rigged_mesh
+from nilbs.saving import write_files
+
+CLOSE = 1e-5  # of the size
+
+
+@pytest.fixture
+def body(tmp_path, bar, rng):
+    """A folder with a bar as body.obj, body_rig.txt with weights, and wave.bvh, a motion of the same rig."""
+    V, E, C, _ = bar(3)
+    skeleton = skeleton_of_joints(C[:2], [-1, 0], ["upper", "lower"], ends={1: C[2]})
+    W = rng.dirichlet([1, 1], size=len(V))
+    theta = smooth_random_rotations(skeleton.P, 3, 6, amplitude=0.5, rng=rng)
+    B = forward_kinematics(skeleton.C, skeleton.BE, skeleton.P, theta)
+    clip = Clip("wave", skeleton, np.arange(6) / 30, B)
+    write_files([tmp_path / "body.obj", tmp_path / "body_rig.txt"], mesh=Mesh(V, E), skeleton=skeleton, W=W)
+    write_files([tmp_path / "wave.bvh"], skeleton=skeleton, clips=(clip,))
+    return tmp_path
+
+
+@pytest.fixture
+def out(tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    return folder
+
+
+def posed(folder, *names, B=None):
+    """Posed vertices of a character in files, by transforms or by its own first motion."""
+    rigged = read_rigged_mesh(*(folder / name for name in names))
+    B = rigged.clips[0].B if B is None else B
+    V = np.hstack([in_space(rigged.V), np.ones((len(rigged.V), 1))])
+    return np.einsum("vb,tbij,vj->tvi", rigged.W, B, V)[..., :3]
+
+
+def test_a_body_its_rig_and_a_motion_in_one_file_and_back(body, out, succeeds):
+    files = [body / name for name in ("body.obj", "body_rig.txt", "wave.bvh")]
+    values = succeeds("convert", *files, "-o", out / "body.glb")
+    assert values["inputs"] == {
+        str(files[0]): ["mesh"],
+        str(files[1]): ["rig", "weights"],
+        str(files[2]): ["motion"],
+    }
+    assert values["outputs"] == {str(out / "body.glb"): ["mesh", "rig", "weights", "motion"]}
+    back = [out / name for name in ("x.obj", "x_rig.txt", "x.bvh")]
+    succeeds("convert", out / "body.glb", "-o", *back)
+    wave = read_parts(body / "wave.bvh").clips[0]
+    U = posed(body, "body.obj", "body_rig.txt", B=wave.B)
+    size = np.ptp(U, axis=(0, 1)).max()
+    assert np.abs(posed(out, "body.glb") - U).max() <= CLOSE * size
+    again = read_parts(out / "x.bvh").clips[0]
+    assert np.abs(posed(out, "x.obj", "x_rig.txt", B=again.B) - U).max() <= CLOSE * size
+    assert np.abs(again.times - wave.times).max() <= 1e-6
+
+
+def test_the_order_of_files_does_not_matter(body, out, succeeds):
+    files = [body / name for name in ("wave.bvh", "body_rig.txt", "body.obj")]
+    values = succeeds("convert", *files, "-o", out / "body.glb")
+    assert list(values["inputs"].values()) == [["motion"], ["rig", "weights"], ["mesh"]]
+
+
+def test_libigls_formats(body, out, succeeds):
+    files = [body / name for name in ("body.obj", "body_rig.txt", "wave.bvh")]
+    names = ("x.ply", "x.tgf", "x-weights.dmat", "x-motion.dmat")
+    values = succeeds("convert", *files, "-o", *(out / name for name in names))
+    assert any("holds no names" in note for note in values["notes"])
+    B = read_transforms(out / "x-motion.dmat")
+    U = posed(body, "body.obj", "body_rig.txt", B=read_parts(body / "wave.bvh").clips[0].B)
+    assert np.abs(posed(out, "x.ply", "x.tgf", "x-weights.dmat", B=B) - U).max() <= CLOSE * 4
+    values = succeeds("convert", *(out / name for name in names), "-o", out / "x.glb")
+    assert list(values["inputs"].values()) == [["mesh"], ["rig"], ["weights"], ["motion"]]
+    assert np.abs(posed(out, "x.glb") - U).max() <= CLOSE * 4
+
+
+def test_a_flat_character(assets, out, succeeds, tmp_path):
+    motion = tmp_path / "motion.json"
+    write_motion_json(motion, ["bone0", "bone1"], np.linspace(0, 1, 3)[:, None, None] * [[0.2], [1]], np.ones((3, 2)))
+    files = (assets / "bar2.obj", assets / "bar.tgf", assets / "bar2-weights.npz", motion)
+    succeeds("convert", *files, "-o", out / "x.glb", out / "x-motion.dmat")
+    rigged = read_rigged_mesh(out / "x.glb")
+    assert rigged.V.shape == (27, 2)
+    assert np.abs(rigged.clips[0].B - read_transforms(out / "x-motion.dmat")).max() <= 1e-6
+    assert np.abs(posed(out, "x.glb")[..., 2]).max() <= 1e-9
+
+
+def test_a_mesh_alone(body, out, succeeds):
+    values = succeeds("convert", body / "body.obj", "-o", out / "x.ply", out / "x.glb")
+    V, F = read_mesh(body / "body.obj")
+    assert np.array_equal(read_mesh(out / "x.ply")[0], V)
+    assert np.array_equal(read_mesh(out / "x.ply")[1], F)
+    assert values["outputs"][str(out / "x.glb")] == ["mesh"]
+    assert values["notes"] == []
+
+
+def test_a_group_of_a_mesh(out, succeeds, tmp_path):
+    lines = ["v 9 9 9", "v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 1", "g rest", "f 1 2 3", "g face", "f 3 4 5"]
+    (tmp_path / "a.obj").write_text("\n".join(lines) + "\n")
+    succeeds("convert", tmp_path / "a.obj", "--group", "face", "-o", out / "a.obj")
+    assert read_mesh(out / "a.obj")[0].tolist() == [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+
+
+def test_weights_alone(assets, out, succeeds):
+    succeeds("convert", assets / "bar3-weights.npz", "-o", out / "w.dmat")
+    assert (read_weights(out / "w.dmat") == read_weights(assets / "bar3-weights.npz")).all()
+
+
+def test_a_rig_alone(body, out, succeeds):
+    values = succeeds("convert", body / "wave.bvh", "-o", out / "x.tgf")
+    assert values["inputs"] == {str(body / "wave.bvh"): ["rig", "motion"]}
+    assert "no output holds the motion" in values["notes"]
+    assert np.abs(read_parts(out / "x.tgf").skeleton.C - read_parts(body / "wave.bvh").skeleton.C).max() <= 1e-9
+
+
+def test_a_motion_is_mapped_onto_the_rig(body, out, succeeds, tmp_path):
+    # The same bones by other names: a map says which is which, and crosses nothing.
+    parts = read_parts(body / "wave.bvh")
+    (body / "wave.bvh").write_text((body / "wave.bvh").read_text().replace("upper", "A1").replace("lower", "A2"))
+    write_bone_map(tmp_path / "map.json", {"upper": "A1", "lower": "A2"})
+    files = [body / name for name in ("body.obj", "body_rig.txt", "wave.bvh")]
+    values = succeeds("convert", *files, "--map", tmp_path / "map.json", "-o", out / "x.glb")
+    assert any("2 of 2 bones follow" in note for note in values["notes"])
+    U = posed(body, "body.obj", "body_rig.txt", B=parts.clips[0].B)
+    assert np.abs(posed(out, "x.glb") - U).max() <= CLOSE * 4
+
+
+def test_a_clip_is_chosen_by_name(body, out, succeeds, fails):
+    parts = read_parts(body / "wave.bvh")
+    clips = tuple(
+        Clip(name, parts.skeleton, parts.clips[0].times[:n], parts.clips[0].B[:n])
+        for name, n in (("walk", 2), ("run", 3))
+    )
+    write_files([body / "two.glb"], skeleton=parts.skeleton, clips=clips)
+    values = succeeds("convert", body / "two.glb", "-o", out / "x.glb")
+    assert values["sizes"]["motion"] == "walk: 2 frames; run: 3 frames"
+    assert "choose one of walk, run" in fails("convert", body / "two.glb", "-o", out / "x.bvh")
+    succeeds("convert", body / "two.glb", "--clip", "run", "-o", out / "x.bvh")
+    assert len(read_parts(out / "x.bvh").clips[0].B) == 3
+    assert "no motion 'fly', but walk, run" in fails("convert", body / "two.glb", "--clip", "fly", "-o", out / "x.bvh")
+
+
+def test_weights_that_are_missing_are_solved_on_request(assets, out, succeeds, fails):
+    files = (assets / "bar3.obj", assets / "bar.tgf")
+    line = fails("convert", *files, "-o", out / "x.glb")
+    assert line.startswith(f"{out}/x.glb: there are no weights to write")
+    assert "--solve" in line
+    assert os.listdir(out) == []
+    succeeds("convert", *files, "--solve", "-o", out / "x.glb", out / "x.npz")
+    W = read_weights(out / "x.npz")
+    assert np.abs(W.sum(axis=1) - 1).max() <= 1e-9
+    assert np.abs(read_rigged_mesh(out / "x.glb").W - W).max() <= 1e-4
+
+
+def test_as_a_table(body, nilbs, out):
+    files = [body / name for name in ("body.obj", "body_rig.txt", "wave.bvh")]
+    status, text, err = nilbs("convert", *files, "-o", out / "x.glb")
+    assert (status, err) == (0, "")
+    lines = text.splitlines()
+    assert lines[:3] == [f"{files[0]}: mesh", f"{files[1]}: rig, weights", f"{files[2]}: motion"]
+    assert lines[3] == (
+        f"-> {out}/x.glb: mesh of 54 vertices, 104 faces; rig of 2 bones; weights of 54 vertices, 2 bones; "
+        "motion of wave: 6 frames"
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["body.obj", "other.obj", "-o", "out/x.ply"], "body.obj and {}/other.obj both hold a mesh: leave one out"),
+        (["body_rig.txt", "other.tgf", "-o", "out/x.tgf"], "body_rig.txt and {}/other.tgf both hold a rig"),
+        (["w.npz", "v.npz", "-o", "out/x.npz"], "w.npz and {}/v.npz both hold weights"),
+        (["w.npz", "other.tgf", "-o", "out/x.npz"], "w.npz: weights of 3 bones, but the rig has 2"),
+        (["w.npz", "body.obj", "other.tgf", "-o", "out/x.npz"], "the weights have 4 rows and 3 columns"),
+        (["walk.json", "-o", "out/x.dmat"], "walk.json: a motion is written together with its rig"),
+        (["body.obj", "walk.json", "-o", "out/x.glb"], "walk.json: a motion is written together with its rig"),
+        (["body.obj", "-o", "out/x.bvh"], "out/x.bvh: there is no rig to write"),
+        (["body.obj", "-o", "out/x.ply", "out/x.tgf"], "out/x.tgf: there is no rig to write"),
+        (["body.obj", "-o", "out/x.fbx"], "out/x.fbx: the file name must end in .obj or"),
+        (["body.obj", "-o", "out/no/x.ply"], "out/no: the folder does not exist"),
+        (["body.obj", "--solve", "-o", "out/x.ply"], "to solve for weights takes a mesh and a rig"),
+        (["body.obj", "--group", "head", "-o", "out/x.ply"], "body.obj: the mesh has no group 'head'"),
+        (["names.mhw", "-o", "out/x.npz"], "names.mhw: its weights are of bones by name"),
+        (["no.obj", "-o", "out/x.ply"], "no.obj: No such file or directory"),
+        (["body.doc", "-o", "out/x.ply"], "body.doc: the file name must end in .obj or"),
+        (["body.obj", "body_rig.txt", "walk.json", "-o", "out/x.glb"], "walk.json: frame 0: the rig has no bone 'leg'"),
+    ],
+)
+def test_a_mistake_is_named_and_nothing_written(body, out, fails, words, message):
+    write_mesh(body / "other.obj", np.eye(3), [[0, 1, 2]])
+    write_files([body / "other.tgf"], skeleton=read_parts(body / "body_rig.txt").skeleton)
+    for name in ("w.npz", "v.npz"):
+        write_files([body / name], W=np.full((4, 3), 1 / 3))
+    (body / "walk.json").write_text('{"frames": [{"leg": [0, 0, 1]}]}')
+    (body / "names.mhw").write_text(json.dumps({"weights": {}}))
+    words = [word if word.startswith("-") or "." not in word else body / word for word in words]
+    assert message.replace("{}", str(body)) in fails("convert", *words)
+    assert os.listdir(out) == []
