@@ -57,8 +57,8 @@ def d(request):
 @pytest.fixture(scope="session")
 def assets(tmp_path_factory):
     """Folder with, for d = 2 and 3, bar<d>.obj, bar<d>-weights.npz and a barely trained bar<d>.nilbs; and bar.tgf."""
-    from nilbs.loading import load_character
     from nilbs.fitting import fit
+    from nilbs.loading import load_character
     from nilbs.motion import random_motion
 
     folder = tmp_path_factory.mktemp("assets")

@@ -294,3 +294,77 @@ def test_evaluate(assets, succeeds, nilbs, out, d, monkeypatch):
     status, text, _ = nilbs("evaluate", assets / f"bar{d}.nilbs", *options)
     assert status == 0
     assert text == (out / "deep" / "er" / "scores.txt").read_text()
+
+
+def test_evaluate_scores_the_floor_beside_the_model(assets, succeeds, nilbs):
+    options = ("--points", 100, "--resolution", 8, "--rows", "floor")
+    scores = succeeds("evaluate", assets / "bar2.nilbs", *options)
+    assert scores["rows"]["floor"].keys() == scores["poses"].keys()
+    assert scores["rows"]["floor"]["seen"]["iou_bbox"]["mean"] == 1
+    assert "floor seen" in nilbs("evaluate", assets / "bar2.nilbs", *options)[1]
+
+
+@pytest.fixture
+def whole(assets, tmp_path, d):
+    """One file with the bar, its rig, its weights and a motion of four frames in a tenth of a second each."""
+    from nilbs.loading import load_character
+    from nilbs.motion import Motion, random_motion
+    from nilbs.saving import save_character
+
+    c = load_character(assets / f"bar{d}.obj", assets / "bar.tgf", assets / f"bar{d}-weights.npz")
+    moved = random_motion(c, frames=4, seed=3)
+    motion = Motion(moved.B, moved.frames, "wave.bvh", np.arange(4) / 10, c.skeleton)
+    path = tmp_path / "whole.glb"
+    save_character(c, path, motion=motion)
+    return path, motion
+
+
+def test_train_on_one_file_that_holds_everything(whole, nilbs, out, quick_training):
+    path, motion = whole
+    status, _, err = nilbs("train", path, "--motion", path, "--frames", 3, "-o", out / "m.nilbs", "--json")
+    assert status == 0, err
+    assert f"{path}: its painted weights are used" in err
+    model = load_model(out / "m.nilbs")
+    assert np.abs(model.motion.B - motion.take(3).B).max() <= 1e-5
+    assert np.abs(model.motion.times - [0, 0.2, 0.3]).max() <= 1e-6
+
+
+def test_a_motion_is_read_before_weights_are_solved(assets, fails, out, tmp_path, monkeypatch):
+    monkeypatch.setattr("nilbs.character.solve_weights", None)
+    (tmp_path / "bad.json").write_text('{"frames": [{"wing": [0, 0, 1]}]}')
+    files = (assets / "bar2.obj", assets / "bar.tgf")
+    line = fails("train", *files, "--motion", tmp_path / "bad.json", "-o", out / "m.nilbs")
+    assert line == f"{tmp_path}/bad.json: frame 0: the rig has no bone 'wing'"
+
+
+def test_extract_at_a_time_between_frames(assets, succeeds, whole, out, d):
+    path, motion = whole
+    files = (assets / f"bar{d}.nilbs", "--motion", path, "--resolution", 16)
+    for seconds in (0.1, 0.15):
+        succeeds("extract", *files, "--time", seconds, "-o", out / f"{seconds}.obj")
+        U, _ = load_model(assets / f"bar{d}.nilbs").extract(motion.at(seconds=seconds), resolution=16)
+        assert np.abs(read_mesh(out / f"{seconds}.obj")[0] - U).max() <= 1e-4
+    succeeds("extract", *files, "--frame", 1, "-o", out / "frame.obj")
+    assert np.abs(read_mesh(out / "frame.obj")[0] - read_mesh(out / "0.1.obj")[0]).max() <= 1e-4
+
+
+def test_weights_of_a_group_of_one_file(assets, succeeds, out, bar):
+    V, E, _, _ = bar(3)
+    lines = ["o block", *(f"v {x} {y} {z + 9}" for x, y, z in V), *("f {} {} {}".format(*(row + 1)) for row in E)]
+    lines += ["o bar", *(f"v {x} {y} {z}" for x, y, z in V), *("f {} {} {}".format(*(row + 55)) for row in E)]
+    (out / "two.obj").write_text("\n".join(lines) + "\n")
+    values = succeeds("weights", out / "two.obj", assets / "bar.tgf", "--group", "bar", "-o", out / "w.npz")
+    assert values["vertices"] == 54
+    alone = succeeds("weights", assets / "bar3.obj", assets / "bar.tgf", "-o", out / "alone.npz")
+    assert np.abs(read_weights(out / "w.npz") - read_weights(out / "alone.npz")).max() <= 1e-12
+    assert alone["notes"] == []
+
+
+def test_weights_tell_what_was_decided(assets, nilbs, succeeds, out):
+    lines = (assets / "bar3.obj").read_text().splitlines(keepends=True)
+    (out / "open.obj").write_text("".join(lines[:-3]))
+    values = succeeds("weights", out / "open.obj", assets / "bar.tgf")
+    assert values["notes"]
+    status, text, err = nilbs("weights", out / "open.obj", assets / "bar.tgf")
+    assert status == 0
+    assert all(f"nilbs: {note}" in err and note not in text for note in values["notes"])
