@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nilbs.geometry.facets import components
-from nilbs.geometry.intersections import degenerate_facets, self_intersections
+from nilbs.geometry.intersections import degenerate_facets, self_intersections, t_junctions
 from nilbs.geometry.occupancy import winding_number
 from nilbs.geometry.topology import Ridges, group_labels, ridges
 from nilbs.geometry.validation import arrays, check_indices
@@ -29,6 +29,8 @@ class SurfaceReport:
         Open rims: groups of edges (in the plane: ends) that belong to one facet only.
     open_ridges, crowded_ridges, disagreeing_ridges : int
         Edges (ends) of one facet only, of more than two, and of two that face opposite ways.
+    t_junctions : (t,) int array
+        Vertices of open rims that lie on another edge of a rim; not looked for where `all_intersections` is False.
     pinched : (p,) int array
         Vertices where parts of the surface meet in nothing but this vertex.
     inside_out : (i,) int array
@@ -55,6 +57,7 @@ class SurfaceReport:
     open_ridges: int
     crowded_ridges: int
     disagreeing_ridges: int
+    t_junctions: np.ndarray
     pinched: np.ndarray
     inside_out: np.ndarray
     degenerate: np.ndarray
@@ -75,6 +78,7 @@ class SurfaceReport:
         crossings = _count(len(self.intersections), "self-intersection")
         findings = [
             (self.holes, _count(self.holes, hole)),
+            (len(self.t_junctions), _count(len(self.t_junctions), "T-junction")),
             (self.crowded_ridges, _count(self.crowded_ridges, ridge, ridges) + " of more than two facets"),
             (self.disagreeing_ridges, _count(self.disagreeing_ridges, ridge, ridges) + " where facets disagree"),
             (len(self.inside_out), _count(len(self.inside_out), "part") + " inside out"),
@@ -156,16 +160,18 @@ def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
     used = np.unique(F)
     meeting = ridges(F)
     _, _, alike = meeting.neighbours()
+    rim = meeting.corners[meeting.count == 1]
     pairs, complete = self_intersections(V, F)
     return SurfaceReport(
         d=V.shape[1],
         size=float(np.ptp(V[used], axis=0).max()) if len(used) else 0.0,
         volume=enclosed_volume(V, F),
         components=components(F, len(V)),
-        holes=_open_rims(meeting),
-        open_ridges=int((meeting.count == 1).sum()),
+        holes=_open_rims(rim),
+        open_ridges=len(rim),
         crowded_ridges=int((meeting.count > 2).sum()),
         disagreeing_ridges=int((~alike).sum()),
+        t_junctions=t_junctions(V, rim) if V.shape[1] == 3 and complete else used[:0],
         pinched=_pinched(F, meeting),
         inside_out=_inside_out(V, F, meeting),
         degenerate=np.flatnonzero(degenerate_facets(V, F)),
@@ -219,8 +225,7 @@ def _repeated_rows(rows: np.ndarray) -> np.ndarray:
     return np.setdiff1d(np.arange(len(rows)), first)
 
 
-def _open_rims(meeting: Ridges) -> int:
-    rim = meeting.corners[meeting.count == 1]
+def _open_rims(rim: np.ndarray) -> int:
     if rim.shape[1] == 1:
         return len(rim)
     vertex, ends = np.unique(rim, return_inverse=True)

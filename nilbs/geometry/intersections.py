@@ -1,14 +1,12 @@
 """Where a surface runs into itself."""
 
-from collections.abc import Iterator
-
 import numpy as np
 
+from nilbs.geometry.boxes import overlapping_boxes
 from nilbs.geometry.validation import arrays, check_indices
 
 TOUCHING = 1e-9  # of the surface's extent: facets nearer than this touch
 _FOLDED = 1e-9  # rad; facets at an angle below this lie on each other
-_CHUNK = 2**18  # pairs looked at together
 _PAIRS_PER_FACET = 200  # pairs of boxes that meet, on average, and
 _ENOUGH = 10_000  # pairs of facets that touch, after which the search ends
 
@@ -70,7 +68,7 @@ def self_intersections(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, bool]:
     found = [nothing]
     looked_at, complete = 0, True
     corners = V[F]
-    for i, j in _overlapping_boxes(corners.min(axis=1) - TOUCHING / 2, corners.max(axis=1) + TOUCHING / 2):
+    for i, j in overlapping_boxes(corners.min(axis=1) - TOUCHING / 2, corners.max(axis=1) + TOUCHING / 2):
         looked_at += len(i)
         touching = _touching(V, F, i, j)
         found.append(np.stack([i[touching], j[touching]], axis=1))
@@ -79,6 +77,46 @@ def self_intersections(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, bool]:
             break
     pairs = np.sort(kept[np.concatenate(found)], axis=1)
     return pairs[np.lexsort(pairs.T[::-1])], complete
+
+
+def t_junctions(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Ends of edges that lie on another edge, between its ends: there a surface is open though nothing seems to lack.
+
+    Parameters
+    ----------
+    V : (n, 3) float array
+        Vertices.
+    edges : (r, 2) int array
+        Edges of open rims.
+
+    Returns
+    -------
+    vertices : (t,) int array
+        Ascending. An end at the place of another end is no junction.
+
+    Examples
+    --------
+    >>> t_junctions([[0, 0, 0], [2, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1], [2, 3]])
+    array([2])
+    """
+    V, edges = arrays(V=(V, "n 3"), edges=(edges, "r 2", int))
+    ends = np.unique(edges)
+    if not len(ends):
+        return ends
+    V = V - V[ends].min(axis=0)
+    near = TOUCHING * float(V[ends].max())
+    lower, upper = np.concatenate([V[edges].min(axis=1), V[ends]]), np.concatenate([V[edges].max(axis=1), V[ends]])
+    found = [ends[:0]]
+    for i, j in overlapping_boxes(lower - near, upper + near):
+        i, j = np.minimum(i, j), np.maximum(i, j)
+        mixed = (i < len(edges)) & (j >= len(edges))
+        x, start, end = ends[j[mixed] - len(edges)], *edges[i[mixed]].T
+        along = V[end] - V[start]
+        s = _dot(V[x] - V[start], along) / np.maximum(_dot(along, along), 1e-300)
+        away = np.linalg.norm(V[x] - V[start] - np.clip(s, 0, 1)[:, None] * along, axis=1)
+        from_ends = np.minimum(np.linalg.norm(V[x] - V[start], axis=1), np.linalg.norm(V[x] - V[end], axis=1))
+        found.append(x[(away <= near) & (from_ends > near)])
+    return np.unique(np.concatenate(found))
 
 
 def degenerate_facets(V: np.ndarray, F: np.ndarray) -> np.ndarray:
@@ -114,49 +152,6 @@ def _one_per_place(V: np.ndarray, place: np.ndarray) -> np.ndarray:
     merged = np.empty((int(place.max()) + 1, V.shape[1]))
     merged[place] = V
     return merged
-
-
-def _overlapping_boxes(lower: np.ndarray, upper: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Pairs of boxes that overlap, some at a time: two walk down a tree together that halves boxes by their middles."""
-    m = len(lower)
-    depth = max(m - 1, 0).bit_length()
-    order = np.arange(m)
-    middle = lower + upper
-    for level in range(depth):
-        start = np.arange(2**level) * m // 2**level  # where nodes start in the order
-        node = np.searchsorted(start, np.arange(m), side="right") - 1
-        spread = np.maximum.reduceat(middle[order], start) - np.minimum.reduceat(middle[order], start)
-        axis = spread.argmax(axis=1)[node]
-        order = order[np.lexsort((middle[order, axis], node))]
-    # Boxes of the tree, level by level; some nodes of the last level are empty.
-    start = np.arange(2**depth) * m // 2**depth
-    empty = start == np.arange(1, 2**depth + 1) * m // 2**depth
-    low = np.where(empty[:, None], np.inf, lower[order[np.minimum(start, m - 1)]])
-    high = np.where(empty[:, None], -np.inf, upper[order[np.minimum(start, m - 1)]])
-    levels = [(low, high)]
-    while len(low) > 1:
-        low, high = np.minimum(low[::2], low[1::2]), np.maximum(high[::2], high[1::2])
-        levels.append((low, high))
-    levels.reverse()
-    waiting = [(0, np.zeros(1, np.int64), np.zeros(1, np.int64))]
-    while waiting:
-        level, a, b = waiting.pop()
-        if len(a) > _CHUNK:
-            half = len(a) // 2
-            waiting += [(level, a[:half], b[:half]), (level, a[half:], b[half:])]
-            continue
-        low, high = levels[level]
-        meet = ((low[a] <= high[b]) & (low[b] <= high[a])).all(axis=1)
-        a, b = a[meet], b[meet]
-        if level == depth:
-            different = a < b
-            if different.any():
-                yield order[start[a[different]]], order[start[b[different]]]
-            continue
-        two = a < b
-        first = np.concatenate([2 * a, 2 * a, 2 * a + 1, 2 * a[two] + 1])
-        second = np.concatenate([2 * b, 2 * b + 1, 2 * b + 1, 2 * b[two]])
-        waiting.append((level + 1, first, second))
 
 
 def _touching(V: np.ndarray, F: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:

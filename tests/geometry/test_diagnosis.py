@@ -15,6 +15,12 @@ def several(*parts):
     return V, np.concatenate([np.asarray(F) + 8 * i for i, (_, _, F) in enumerate(parts)])
 
 
+def divided():
+    """The cube with an edge of one of its sides cut in half, and not that of the neighbour."""
+    a, b, c = CUBE_F[0]
+    return np.concatenate([CUBE, CUBE[[a, b]].mean(axis=0)[None]]), np.concatenate([CUBE_F[1:], [[a, 8, c], [8, b, c]]])
+
+
 INWARD = CUBE_F[:, ::-1]
 
 
@@ -50,6 +56,7 @@ def test_clean_solids(V, F, scale, offset):
         (*several((4, 0, INWARD), (1, 1, INWARD)), ["2 parts inside out"]),
         (*several((1, 0, CUBE_F), (1, 1, CUBE_F)), ["1 vertex on top of others"]),
         (*several((1, 0, CUBE_F), (0, 3, CUBE_F)), ["12 facets without area", "7 vertices on top of others"]),
+        (*divided(), ["1 hole", "1 T-junction", "2 self-intersections"]),
         (SQUARE, SQUARE_F[1:], ["2 open ends"]),
         (SQUARE, SQUARE_F[:, ::-1], ["1 part inside out"]),
         (SQUARE, [[0, 1], [2, 1], [2, 3], [3, 0]], ["2 vertices where facets disagree"]),

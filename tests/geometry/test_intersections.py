@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from nilbs.geometry.intersections import _overlapping_boxes, degenerate_facets, self_intersections
+from nilbs.geometry.intersections import degenerate_facets, self_intersections, t_junctions
 from nilbs.geometry.rotations import rotation_matrices
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -108,7 +108,7 @@ def test_a_tangle_ends_the_search(rng, monkeypatch):
     V, F = rng.normal(size=(300, 3)), np.arange(300).reshape(100, 3)
     every, complete = self_intersections(V, F)
     assert complete
-    monkeypatch.setattr("nilbs.geometry.intersections._CHUNK", 1000)
+    monkeypatch.setattr("nilbs.geometry.boxes._CHUNK", 1000)
     monkeypatch.setattr("nilbs.geometry.intersections._ENOUGH", 100)
     some, complete = self_intersections(V, F)
     assert not complete
@@ -123,21 +123,8 @@ def test_boxes_everywhere_end_the_search(monkeypatch):
     F = np.arange(600).reshape(200, 3)
     assert [len(x) if i == 0 else x for i, x in enumerate(self_intersections(V, F))] == [0, True]
     monkeypatch.setattr("nilbs.geometry.intersections._PAIRS_PER_FACET", 1)
-    monkeypatch.setattr("nilbs.geometry.intersections._CHUNK", 1000)
+    monkeypatch.setattr("nilbs.geometry.boxes._CHUNK", 1000)
     assert self_intersections(V, F)[1] is False
-
-
-def test_boxes_against_a_slow_twin(rng):
-    for m in (1, 2, 3, 5, 8, 17, 64, 65):
-        lower = rng.integers(0, 9, size=(m, 3)).astype(float)
-        upper = lower + rng.integers(0, 3, size=(m, 3))
-        pairs = {frozenset(pair) for i, j in _overlapping_boxes(lower, upper) for pair in zip(i, j, strict=True)}
-        expected = {
-            frozenset((i, j))
-            for i, j in itertools.combinations(range(m), 2)
-            if (lower[i] <= upper[j]).all() and (lower[j] <= upper[i]).all()
-        }
-        assert pairs == expected
 
 
 def test_degenerate_facets():
@@ -160,3 +147,20 @@ def test_wrong_arguments():
         self_intersections(CUBE, [[0, 1, 8]])
     with pytest.raises(ValueError, match="F must be"):
         self_intersections(CUBE, [[0, 1]])
+
+
+def test_t_junctions():
+    # Two rows of squares that share a line on which one row has more vertices.
+    V = np.array(
+        [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [2, 1, 0], [0, -1, 0], [2, -1, 0], [0, 0, 0], [2, 0, 0]]
+    )
+    upper = [[0, 1], [1, 2], [2, 4], [4, 3], [3, 0]]
+    lower = [[7, 8], [8, 6], [6, 5], [5, 7]]
+    R = rotation_matrices([0.3, -0.2, 0.9])
+    for scale in (1e-6, 1, 1e6):
+        assert t_junctions((V @ R.T + 7) * scale, upper + lower).tolist() == [1]
+    assert t_junctions(V + np.array([0, 0, 1.0]), upper).tolist() == []
+    assert t_junctions(V, np.zeros((0, 2), int)).tolist() == []
+    # An end on a far part of another edge's line is none, nor is one beside it.
+    V = np.array([[0.0, 0, 0], [1, 0, 0], [1.5, 0, 0], [2, 1, 0], [0.5, 1e-6, 0], [0, 3, 0]])
+    assert t_junctions(V, [[0, 1], [2, 3], [4, 5]]).tolist() == []
