@@ -1,8 +1,13 @@
 """`nilbs convert`: meshes, rigs, weights and motions from the files that there are to the files that are wanted."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from nilbs.app.options import add_group, add_json, add_mapping, add_solve
+
+if TYPE_CHECKING:
+    from nilbs.geometry.skeleton import Skeleton
+    from nilbs.motion import Motion
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -25,6 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_group(parser)
     add_solve(parser)
     add_mapping(parser)
+    parser.add_argument(
+        "--write-map",
+        metavar="FILE",
+        help="write the guess which bone of the motion moves which of the rig, .json, to correct it for --map",
+    )
     add_json(parser)
 
 
@@ -32,15 +42,23 @@ def run(args: argparse.Namespace) -> None:
     """Read, write and report."""
     from nilbs.app.inputs import gather
     from nilbs.app.output import show
+    from nilbs.io import check_suffix, check_writable
     from nilbs.motion import read_motion
     from nilbs.saving import write_files
 
+    if args.write_map is not None:
+        check_suffix(args.write_map, ".json")
+        check_writable(args.write_map)
     notes: list[str] = []
+
+    def motion_for(path: str, skeleton: "Skeleton") -> "Motion":
+        if args.write_map is not None:
+            _write_guess(args.write_map, path, args.clip, skeleton)
+        return read_motion(path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append)
+
     inputs = gather(
         args.inputs,
-        read_motion=lambda path, skeleton: read_motion(
-            path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append
-        ),
+        read_motion=motion_for,
         clip=args.clip,
         group=args.group,
         solve=args.solve,
@@ -59,3 +77,21 @@ def run(args: argparse.Namespace) -> None:
         "notes": notes,
     }
     show(values, as_json=args.json, table="\n".join([*lines, *(f"note: {note}" for note in notes)]))
+
+
+def _write_guess(map_path: str, motion_path: str, clip: str | None, skeleton: "Skeleton") -> None:
+    """Write which bones would follow which; where no name agrees, every bone without one to follow."""
+    from dataclasses import replace
+    from pathlib import Path
+
+    from nilbs.clips import chosen_clip
+    from nilbs.geometry.retargeting import guess_bone_map
+    from nilbs.io.bone_map import write_bone_map
+    from nilbs.loading import in_space
+
+    source = chosen_clip(Path(motion_path), clip, lambda line: None).skeleton
+    try:
+        guess = guess_bone_map(source, replace(skeleton, C=in_space(skeleton.C)))
+    except ValueError:
+        guess = {}
+    write_bone_map(map_path, guess, skeleton.names)

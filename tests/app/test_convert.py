@@ -136,6 +136,17 @@ def test_a_motion_is_mapped_onto_the_rig(body, out, succeeds, tmp_path):
     assert np.abs(posed(out, "x.glb") - U).max() <= CLOSE * 4
 
 
+def test_a_guess_is_written_to_be_corrected(body, out, succeeds, fails):
+    files = [body / name for name in ("body.obj", "body_rig.txt", "wave.bvh")]
+    succeeds("convert", *files, "--write-map", out / "map.json", "-o", out / "x.glb")
+    assert json.loads((out / "map.json").read_text()) == {"upper": "upper", "lower": "lower"}
+    (body / "wave.bvh").write_text((body / "wave.bvh").read_text().replace("upper", "Q").replace("lower", "Z"))
+    line = fails("convert", *files, "--write-map", out / "map.json", "-o", out / "y.glb")
+    assert line.startswith(f"{body}/wave.bvh: ")
+    assert json.loads((out / "map.json").read_text()) == {"upper": None, "lower": None}
+    assert sorted(os.listdir(out)) == ["map.json", "x.glb"]
+
+
 def test_a_clip_is_chosen_by_name(body, out, succeeds, fails):
     parts = read_parts(body / "wave.bvh")
     clips = tuple(
@@ -191,6 +202,7 @@ def test_as_a_table(body, nilbs, out):
         (["body.obj", "-o", "out/no/x.ply"], "out/no: the folder does not exist"),
         (["body.obj", "--solve", "-o", "out/x.ply"], "to solve for weights takes a mesh and a rig"),
         (["body.obj", "--group", "head", "-o", "out/x.ply"], "body.obj: the mesh has no group 'head'"),
+        (["body.obj", "--write-map", "out/m.txt", "-o", "out/x.ply"], "out/m.txt: the file name must end in .json"),
         (["names.mhw", "-o", "out/x.npz"], "names.mhw: its weights are of bones by name"),
         (["no.obj", "-o", "out/x.ply"], "no.obj: No such file or directory"),
         (["body.doc", "-o", "out/x.ply"], "body.doc: the file name must end in .obj or"),
