@@ -27,7 +27,7 @@ import bpy
 source, target = sys.argv[sys.argv.index("--") + 1 :]
 bpy.ops.wm.read_factory_settings(use_empty=True)
 if "fbx" in dir(bpy.ops.import_scene):
-    bpy.ops.import_scene.fbx(filepath=source, use_image_search=False)
+    bpy.ops.import_scene.fbx(filepath=source, use_image_search=False, anim_offset=0.0)
 else:
     bpy.ops.wm.fbx_import(filepath=source)
 wanted = {
@@ -113,8 +113,7 @@ def _convert(path: str | os.PathLike, blender: str, folder: Path) -> None:
         if done.returncode or not (folder / "copy.glb").is_file():
             log.seek(max(log.seek(0, os.SEEK_END) - 4000, 0))
             said = [line for line in log.read().decode("utf-8", "replace").splitlines() if line.strip()]
-            # A report of Python's ends with the error; then Blender says that it quits.
-            errors = [line for line in said if "Error" in line] or said or ["nothing"]
-            raise FileFormatError(
-                path, f"Blender could not convert it, and said: {printable(errors[-1].strip()[:200])}"
-            )
+            # A report of Python's ends with the error; then Blender says that the script failed and that it quits.
+            errors = [line for line in said if "Error" in line and "script failed" not in line]
+            last = printable((errors or said or ["nothing"])[-1].strip()[:200])
+            raise FileFormatError(path, f"Blender could not convert it, and said: {last}")

@@ -1,4 +1,6 @@
 import os
+import shutil
+import subprocess
 
 import numpy as np
 import pytest
@@ -96,3 +98,61 @@ def test_what_is_no_fbx_file_never_reaches_blender(tmp_path, blender):
     with pytest.raises(FileNotFoundError):
         read_fbx(tmp_path / "b.fbx")
     assert not (tmp_path / "arguments").exists()
+
+
+MAKE = """
+import sys
+import bpy
+
+bpy.ops.wm.read_factory_settings(use_empty=True)
+data = bpy.data.armatures.new("rig")
+rig = bpy.data.objects.new("rig", data)
+bpy.context.collection.objects.link(rig)
+bpy.context.view_layer.objects.active = rig
+bpy.ops.object.mode_set(mode="EDIT")
+lower, upper = data.edit_bones.new("lower"), data.edit_bones.new("upper")
+lower.head, lower.tail = (0, 0, 0), (0, 0, 1)
+upper.head, upper.tail, upper.parent = (0, 0, 1), (0, 0, 2), lower
+bpy.ops.object.mode_set(mode="OBJECT")
+mesh = bpy.data.meshes.new("sheet")
+mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 0, 2), (0, 3, 2)], [], [(0, 1, 2), (0, 2, 3)])
+body = bpy.data.objects.new("sheet", mesh)
+bpy.context.collection.objects.link(body)
+body.parent = rig
+body.modifiers.new("rig", "ARMATURE").object = rig
+for name, vertices in (("lower", [0, 1]), ("upper", [2, 3])):
+    body.vertex_groups.new(name=name).add(vertices, 1.0, "REPLACE")
+bone = rig.pose.bones["upper"]
+bone.rotation_mode = "XYZ"
+for frame, angle in ((1, 0.0), (11, 1.5707963)):
+    bone.rotation_euler = (angle, 0, 0)
+    bone.keyframe_insert("rotation_euler", frame=frame)
+bpy.context.scene.frame_start, bpy.context.scene.frame_end = 1, 11
+bpy.ops.export_scene.fbx(filepath=sys.argv[-1], add_leaf_bones=False, bake_anim_simplify_factor=0.0)
+"""
+
+
+def test_a_file_that_blender_itself_wrote(tmp_path, monkeypatch):
+    blender = shutil.which("blender")
+    if not blender:
+        pytest.skip("there is no program `blender` to read FBX with")
+    monkeypatch.delenv("NILBS_BLENDER", raising=False)
+    (tmp_path / "make.py").write_text(MAKE)
+    made = tmp_path / "made.fbx"
+    options = ["--background", "--factory-startup", "--python-exit-code", "3", "--python", str(tmp_path / "make.py")]
+    subprocess.run([blender, *options, "--", str(made)], check=True, capture_output=True)
+    parts = read_fbx(made)
+    assert parts.skeleton.names == ("lower", "upper")
+    assert parts.skeleton.P.tolist() == [-1, 0]
+    # Blender's z is up; in the copy y is.
+    assert np.abs(parts.skeleton.C[parts.skeleton.BE[:, 0]] - [[0, 0, 0], [0, 1, 0]]).max() < 1e-5
+    corners = {tuple(x) for x in np.round(parts.mesh.V, 4) + 0.0}
+    assert corners == {(0, 0, 0), (1, 0, 0), (1, 2, 0), (0, 2, -3)}
+    W = parts.influences.dense(len(parts.mesh.V), 2, made)
+    assert np.array_equal(W[:, 1] > 0.5, parts.mesh.V[:, 1] > 1)
+    (clip,) = parts.clips
+    assert clip.times[0] == 0
+    # A quarter turn of the upper bone about its x takes the end of the bone forward.
+    tip = np.array([0, 2, 0, 1])
+    assert np.abs(clip.B[0, 1] @ tip - tip).max() < 1e-4
+    assert np.abs(clip.B[-1, 1] @ tip - [0, 1, 1, 1]).max() < 1e-3
