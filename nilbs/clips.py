@@ -107,7 +107,7 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
 
 
 def bone_map_lines(source: Skeleton, target: Skeleton, bone_map: Mapping[str, str | None]) -> list[str]:
-    """Say in lines which bones follow which: a table by bones of the motion, and those that are left over.
+    """Say in lines which bones follow which: a table by bones of the motion, and what is left over.
 
     Parameters
     ----------
@@ -125,11 +125,12 @@ def bone_map_lines(source: Skeleton, target: Skeleton, bone_map: Mapping[str, st
     Examples
     --------
     >>> arm = Skeleton([[0, 0], [1, 0], [2, 0]], [[0, 1], [1, 2]], [-1, 0], ("upper", "lower"))
-    >>> for line in bone_map_lines(arm, arm, {"upper": "upper"}):
+    >>> hand = Skeleton([[0, 0], [1, 0], [2, 0]], [[0, 1], [1, 2]], [-1, 0], ("arm", "hand"))
+    >>> for line in bone_map_lines(arm, hand, {"arm": "upper"}):
     ...     print(line)
-    1 of 2 bones follow a bone of the motion
-    upper: upper
-    keep their rest pose to the bone above: lower
+    1 of 2 bones follow a bone of the motion, 0 of them one of the same name
+    upper -> arm
+    keep their rest pose to the bone above: hand
     not used of the motion: lower
     """
     followers: dict[str, list[str]] = {}
@@ -137,9 +138,11 @@ def bone_map_lines(source: Skeleton, target: Skeleton, bone_map: Mapping[str, st
         led = bone_map.get(name)
         if led is not None:
             followers.setdefault(led, []).append(name)
-    follow = sum(map(len, followers.values()))
-    lines = [f"{follow} of {len(target.names)} bones follow a bone of the motion"]
-    lines += [f"{led}: {', '.join(followers[led])}" for led in source.names if led in followers]
+    follow, same = sum(map(len, followers.values())), sum(led in names for led, names in followers.items())
+    lines = [
+        f"{follow} of {len(target.names)} bones follow a bone of the motion, {same} of them one of the same name",
+        *(f"{led} -> {', '.join(followers[led])}" for led in source.names if followers.get(led, [led]) != [led]),
+    ]
     alone = [name for name in target.names if bone_map.get(name) is None]
     unused = [name for name in source.names if name not in followers]
     if alone:

@@ -242,9 +242,8 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         part = {name.removeprefix("character."): a for name, a in contents.items() if name.startswith("character.")}
         character = Character(name=str(text["name"]), names=tuple(map(str, text["bones"])), **part)
         check_character(character)
-        # Files of before motions had times hold none.
-        moved = {name: contents[f"motion.{name}"] for name in ("B", "frames", "times") if f"motion.{name}" in contents}
-        motion = Motion(**moved, source=str(text["motion"]), skeleton=character.skeleton)
+        times = contents.get("motion.times", np.zeros(0))  # which files of before motions had times do not hold
+        motion = Motion(contents["motion.B"], contents["motion.frames"], str(text["motion"]), times, character.skeleton)
         settings = Settings.from_mapping(text["settings"])
         state = {name.removeprefix("field."): a for name, a in contents.items() if name.startswith("field.")}
         values, origin = state["cache.values"], state["cache.origin"]

@@ -67,8 +67,8 @@ class Motion:
         object.__setattr__(self, "times", times)
         if self.skeleton is not None and (len(self.skeleton.BE), self.skeleton.d + 1) != self.B.shape[1:3]:
             raise ValueError(
-                f"B must be (t, b, d+1, d+1) with b = {len(self.skeleton.BE)} bones of the skeleton and "
-                f"d = {self.skeleton.d}, got {self.B.shape}"
+                f"the motion has shape {self.B.shape}, but the skeleton has {len(self.skeleton.BE)} bones "
+                f"in {self.skeleton.d} dimensions"
             )
 
     def __len__(self) -> int:
@@ -281,9 +281,9 @@ def _posed(skeleton: Skeleton, motion: "LocalMotion") -> np.ndarray:
     parts = {"translation": motion.translation, "scale": motion.scale}
     if motion.given is None:
         return forward_kinematics(c.C, c.BE, c.P, motion.theta, root_translation=motion.root_translation, **parts)
-    roots = np.full(len(c.P), -1)
-    B = forward_kinematics(c.C, c.BE, roots, motion.theta, **parts)  # each relative to its parent
-    B[:, c.P < 0, : c.d, c.d] += motion.root_translation[:, None]
+    moved = np.where((c.P < 0)[:, None], motion.root_translation[:, None], 0.0)
+    parts["translation"] = moved if motion.translation is None else moved + motion.translation
+    B = forward_kinematics(c.C, c.BE, np.full(len(c.P), -1), motion.theta, **parts)  # each relative to its parent
     for bone in bone_order(c.P):
         if c.P[bone] >= 0:
             B[:, bone] = B[:, c.P[bone]] @ B[:, bone]
