@@ -80,12 +80,12 @@ class Character:
 
         Parameters
         ----------
-        pose : (..., b, d+1, d+1) float array
+        pose : (b, d+1, d+1) float array
             Bone transforms, rest to posed.
 
         Returns
         -------
-        U : (..., n, d) float array
+        U : (n, d) float array
         """
         return linear_blend_skinning(self.V, self.W, pose)
 
@@ -149,9 +149,10 @@ def assemble(
         W = normalized(W, len(V), len(skeleton.BE), report)
         domain = volume_domain(V, F if V.shape[1] == 3 else E, np.zeros((0, V.shape[1])))
         V_volume, T = domain.V, domain.T
-        skin = V_volume[: domain.surface]
-        W_skin = surface_interpolation(V, F, W, skin) if V.shape[1] == 3 else volume_interpolation(V, E, W, skin)
-        W_volume = extend_weights(V_volume, T, W_skin)
+        if V.shape[1] == 2:
+            W_volume = volume_interpolation(V, E, W, V_volume)
+        else:
+            W_volume = extend_weights(V_volume, T, surface_interpolation(V, F, W, V_volume[: domain.surface]))
     return Character(name, V, F, skeleton.C, skeleton.BE, skeleton.P, skeleton.names, W, V_volume, T, W_volume)
 
 

@@ -143,7 +143,8 @@ def biharmonic_energy(V: np.ndarray, T: np.ndarray, W: np.ndarray) -> float:
     used, T = _compact(T, len(V))
     x, size = _unit(V[used])
     K, _ = _energy_matrix(x, T)
-    return float(0.5 * np.einsum("ij,ij->", W[used], K @ W[used])) * size ** (V.shape[1] - 4)
+    # No less than zero, whatever rounding makes of a constant.
+    return max(0.0, 0.5 * float(np.einsum("ij,ij->", W[used], K @ W[used]))) * size ** (V.shape[1] - 4)
 
 
 def extend_weights(V: np.ndarray, T: np.ndarray, W_known: np.ndarray) -> np.ndarray:
@@ -229,7 +230,7 @@ def _simplex(W: np.ndarray) -> np.ndarray:
     rank = np.arange(1, W.shape[1] + 1)
     kept = np.maximum((ordered * rank > excess).sum(axis=1), 1)
     shift = excess[np.arange(len(W)), kept - 1] / kept
-    return np.maximum(W - shift[:, None], 0)
+    return np.clip(W - shift[:, None], 0, 1)
 
 
 def _compact(T: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
