@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from nilbs.motion import Motion as Motion
     from nilbs.motion import random_motion as random_motion
     from nilbs.motion import read_motion as read_motion
+    from nilbs.saving import save_character as save_character
     from nilbs.settings import Settings as Settings
 
 _HOMES = {
@@ -32,6 +33,7 @@ _HOMES = {
     "Motion": "motion",
     "random_motion": "motion",
     "read_motion": "motion",
+    "save_character": "saving",
 }
 __all__ = sorted(_HOMES)
 __version__ = "0.1.0"

@@ -13,7 +13,7 @@ from nilbs.gingerbread import gingerbread
 from nilbs.io import FileFormatError, read_dmat, read_mesh, read_parts, read_transforms, read_weights
 from nilbs.io.parts import Clip, Mesh
 from nilbs.loading import in_space, read_rigged_mesh
-from nilbs.saving import save_character, write_files
+from nilbs.saving import clip_of, save_character, write_files
 
 CLOSE = 1e-5  # of the size
 
@@ -248,3 +248,39 @@ def test_a_mesh_alone(tmp_path):
     write_files([tmp_path / "a.ply", tmp_path / "a.glb"], mesh=Mesh(np.eye(3), np.array([[0, 1, 2]])))
     assert read_mesh(tmp_path / "a.ply")[1].tolist() == [[0, 1, 2]]
     assert read_parts(tmp_path / "a.glb").skeleton is None
+
+
+@pytest.mark.parametrize("names", [("a.glb",), ("a.obj", "a_rig.txt", "a.bvh"), ("a.ply", "a.tgf", "a.npz", "a.dmat")])
+def test_the_elephant_walks_as_before(data, tmp_path, names):
+    from nilbs.motion import read_motion
+
+    folder = data / "elephant"
+    rigged = read_rigged_mesh(*(folder / f"elephant{end}" for end in (".obj", ".tgf", "-weights.dmat")))
+    motion = read_motion(folder / "elephant-anim.dmat", rigged.skeleton).take(20)
+    names = [name.replace("a.dmat", "a-motion.dmat") for name in names]
+    write_files(
+        [tmp_path / name for name in names],
+        mesh=Mesh(rigged.V, rigged.E),
+        skeleton=rigged.skeleton,
+        W=rigged.W,
+        clips=(clip_of(motion, rigged.skeleton),),
+    )
+    files = [tmp_path / name for name in names if not name.endswith((".bvh", "motion.dmat"))]
+    read = read_rigged_mesh(*files)
+    again = read_motion(tmp_path / names[-1], read.skeleton)
+    assert_same_places(posed(rigged.V, rigged.W, motion.B), posed(read.V, read.W, again.B), rigged.V)
+
+
+def test_makehumans_person_walks_as_before(data, tmp_path):
+    from nilbs.motion import read_motion
+
+    folder = data / "makehuman"
+    rigged = read_rigged_mesh(folder / "base.obj", folder / "default.mhskel", group="body")
+    assert (rigged.V.shape, rigged.W.shape) == ((13380, 3), (13380, 163))
+    motion = read_motion(folder / "walk1.bvh", rigged.skeleton)
+    parts = {"mesh": Mesh(rigged.V, rigged.E), "skeleton": rigged.skeleton, "W": rigged.W}
+    write_files([tmp_path / "a.glb"], **parts, clips=(clip_of(motion, rigged.skeleton),))
+    read = read_rigged_mesh(tmp_path / "a.glb")
+    assert read.skeleton.names == rigged.skeleton.names
+    U, U_read = posed(rigged.V, rigged.W, motion.B), posed(read.V, read.W, read.clips[0].B)
+    assert_same_places(U, U_read, rigged.V)
