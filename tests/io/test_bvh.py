@@ -272,6 +272,11 @@ def test_many_frames_of_joints_without_channels(bvh):
     text = f"ROOT r {{ OFFSET 0 0 0 CHANNELS 1 Xrotation\n{joints}}}\nMOTION\nFrames: 5000\nFrame Time: 1\n"
     with pytest.raises(FileFormatError, match="5000 frames of 5001 joints, in 5000 bytes: hardly any joint"):
         bvh(text + "0\n" * 5000)
+    joints = "JOINT a { OFFSET 0 0 0 }\n" * 299
+    text = f"ROOT r {{ OFFSET 0 0 0 CHANNELS 1 Xrotation\n{joints}}}\nMOTION\nFrames: 1000\nFrame Time: 1\n"
+    with pytest.raises(FileFormatError, match="1000 frames of 300 joints, in 100000 bytes: hardly any joint"):
+        bvh(text + ("0" * 100 + "\n") * 1000)
+    assert len(bvh(text + ("0" * 2000 + "\n") * 1000).clips[0].B) == 1000
 
 
 def test_two_thousand_frames_are_read_fast(bvh, tmp_path, rng):
@@ -298,6 +303,7 @@ RIGS = {
     "apart": (np.array([[0, 1], [2, 3], [4, 5], [2, 0]]), [-1, 0, 1, 1]),
     "roots": (np.array([[0, 1], [2, 2], [3, 4]]), [-1, -1, -1]),
     "inner without length": (np.array([[0, 0], [1, 2], [2, 2]]), [-1, 0, 1]),
+    "fork": (np.array([[0, 1], [1, 1], [2, 2]]), [-1, 0, 0]),
     "child first": (np.array([[1, 2], [0, 1]]), [1, -1]),
 }
 
@@ -353,6 +359,9 @@ def test_bones_that_stay_together_have_rotations_only(tmp_path, rng):
     write_bvh(tmp_path / "a.bvh", Clip("a", s, np.arange(4), B.astype(np.float32).astype(float)))
     text = (tmp_path / "a.bvh").read_text()
     assert text.count("CHANNELS 6") == text.count("CHANNELS 3") == 1
+    B[2, 1, 0, 3] += 1e-5  # of a size of about one
+    write_bvh(tmp_path / "a.bvh", Clip("a", s, np.arange(4), B))
+    assert np.abs(read_bvh(tmp_path / "a.bvh").clips[0].B - B).max() < 1e-8
 
 
 def test_what_the_file_cannot_hold(tmp_path):

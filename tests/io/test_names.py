@@ -13,5 +13,6 @@ def test_many_equal_names_are_numbered_fast_and_without_clashes():
         "names used twice were numbered: 'a' became 'a_2', 'a' became 'a_4', 'a' became 'a_5', 'a' became 'a_6', "
         "'a' became 'a_7' and 4995 more",
     )
+    assert unique_names(["a", "a", "a_2"])[0] == ("a", "a_3", "a_2")
     assert unique_names(["x", "y"]) == (("x", "y"), ())
     assert listed([]) == ""

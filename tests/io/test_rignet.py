@@ -86,6 +86,12 @@ def test_a_leaf_called_end_is_where_its_parent_ends(rig):
     assert s.names == ("a", "b_end")
     assert s.C[s.BE].tolist() == [[[0, 0, 0], [0, 2, 0]], [[7, 7, 7], [7, 7, 7]]]
     assert s.forks.tolist() == [[0, 1]]
+    # Before the bones of the file, it shifts their numbers.
+    ends = "joints a_end 0 2 0\njoints a 0 0 0\njoints b 7 7 7\nhier a a_end\nhier a b\nroot a\nskin 0 b 0.5\n"
+    parts = rig(ends)
+    assert parts.skeleton.names == ("a", "b")
+    assert parts.skeleton.P.tolist() == [-1, 0]
+    assert parts.influences.bone.tolist() == [1]
     # One with weights, or with a child, is a bone.
     assert rig(lines + "skin 0 a_end 1\n").skeleton.names == ("a", "a_end", "b_end")
     assert rig(lines + "joints c 0 3 0\nhier a_end c\n").skeleton.names == ("a", "a_end", "b_end", "c")
@@ -148,6 +154,7 @@ RIGS = {
     "apart": (np.array([[0, 1], [2, 3], [4, 5], [2, 0]]), [-1, 0, 1, 1]),
     "roots": (np.array([[0, 1], [2, 2], [3, 4]]), [-1, -1, -1]),
     "inner without length": (np.array([[0, 0], [1, 2], [2, 2]]), [-1, 0, 1]),
+    "fork": (np.array([[0, 1], [1, 1], [2, 2]]), [-1, 0, 0]),
     "child first": (np.array([[1, 2], [0, 1]]), [1, -1]),
 }
 
