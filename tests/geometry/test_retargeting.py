@@ -154,6 +154,50 @@ def test_chains_share_what_one_bone_does(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(posed(target, found)[:, [0, 2, 4]], posed(source, B), atol=1e-12)
 
 
+def test_chains_are_aligned_as_one() -> None:
+    source = skeleton_of_joints([[0, 0], [2, 0], [4, 0]], np.arange(3) - 1, ["upper", "lower", "hand"])
+    joints = [[0, 0], [0.1, -1], [0, -2], [0, -4]]
+    target = skeleton_of_joints(joints, np.arange(4) - 1, ["upper1", "upper2", "lower", "hand"])
+    # A second arm, the other way, so that quarter turns as a whole do not help.
+    both = [
+        Skeleton(
+            np.concatenate([s.C, s.C * [-1, 1]]),
+            np.concatenate([s.BE, s.BE + len(s.C)]),
+            np.concatenate([s.P, np.where(s.P < 0, -1, s.P + len(s.P))]),
+            (*s.names, *(f"{name}'" for name in s.names)),
+        )
+        for s in (source, target)
+    ]
+    follows = {"upper1": "upper", "upper2": "upper", "lower": "lower", "hand": "hand"}
+    follows |= {f"{name}'": f"{led}'" for name, led in follows.items()}
+    found = retarget(both[0], np.broadcast_to(np.eye(3), (1, 6, 3, 3)), both[1], follows)
+    assert (found.axes == np.eye(2)).all()
+    up = rotation_matrices([np.pi / 2])
+    np.testing.assert_allclose(found.B[0, :4, :2, :2], np.tile(up, (4, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(found.B[0, 4:, :2, :2], np.tile(up.T, (4, 1, 1)), atol=1e-12)
+
+
+def test_a_back_is_not_bent_to_that_of_the_source(rng: np.random.Generator) -> None:
+    """Where the joints of a back lie in it differs between rigs; what hangs from it does not lie in its direction."""
+    source, target = person(), person()
+    C = target.C.copy()
+    C[NAMES.index("spine"), 2] -= 0.1
+    crooked = Skeleton(C, target.BE, target.P, target.names)
+    B = moved(source, rng)
+    found = retarget(source, B, crooked, SAME).B
+    for bone in range(len(NAMES)):
+        np.testing.assert_allclose(found[:, bone, :3, :3], B[:, bone, :3, :3], atol=1e-12)
+
+
+def test_short_bones_keep_their_direction_relative_to_the_bone_above(rng: np.random.Generator) -> None:
+    names = ["upper", "lower", "finger1", "finger2"]
+    source = skeleton_of_joints([[0, 0], [2, 0], [4, 0], [4.3, 0]], np.arange(4) - 1, names)
+    target = skeleton_of_joints([[0, 0], [2, 0], [4, 0], [4.2, 0.2]], np.arange(4) - 1, names)
+    B = moved(source, rng)
+    found = retarget(source, B, target, {name: name for name in names}).B
+    np.testing.assert_allclose(found[..., :2, :2], B[..., :2, :2], atol=1e-12)
+
+
 def test_bones_above_all_mapped_ones_turn_along(rng: np.random.Generator) -> None:
     source = person()
     target = Skeleton(
@@ -281,6 +325,7 @@ def test_bones_of_like_names_at_other_places_do_not_match() -> None:
     place = np.array([0, 0.5, 1.2, 2.2])[:, None] * [1, 0]
     target = skeleton_of_joints(place, np.arange(4) - 1, ["hips", "jaw", "spine", "neck"])
     assert guess_bone_map(source, target) == {"hips": "Hips", "spine": "Spine", "neck": "Neck"}
+    assert guess_bone_map(target, source) == {"Hips": "hips", "Spine": "spine", "Neck": "neck"}
     assert guess_bone_map(source, skeleton_of_joints([[0, 0]], [-1], ["jaw"])) == {"jaw": "Jaw"}
 
 
