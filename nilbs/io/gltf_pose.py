@@ -184,4 +184,6 @@ def _closest(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         change = np.abs(fitted - scale[left]).max(axis=1, initial=0)
         scale[left] = fitted
         left = left[change > 1e-9 * np.abs(fitted).max(axis=1, initial=1e-300)]
+        if not len(left):
+            break
     return R, sign[:, 0] * scale

@@ -215,7 +215,6 @@ def _weights(output: _Output, influences: Influences, n: int, skeleton: Skeleton
     W = np.zeros((n, 4 * sets), dtype=np.float32)
     J[vertex, slot] = bone
     W[vertex, slot] = weight / np.bincount(vertex, weight, n)[vertex]
-    J[W == 0] = 0
     attributes = {}
     for s in range(sets):
         attributes[f"JOINTS_{s}"] = output.accessor(J[:, 4 * s : 4 * s + 4], target=_CORNERS)
