@@ -74,3 +74,15 @@ def test_an_unknown_suffix_names_those_known():
 
 def test_every_suffix_that_is_written_can_be_read():
     assert set(WRITABLE) <= set(READABLE)
+
+
+def test_fbx_goes_to_its_reader(tmp_path):
+    (tmp_path / "a.fbx").write_text("no fbx")
+    with pytest.raises(FileFormatError, match=r"a\.fbx: .*FBX"):
+        read_parts(tmp_path / "a.fbx")
+
+
+def test_a_body_model_goes_to_its_reader(tmp_path):
+    np.savez(tmp_path / "body.npz", v_template=np.eye(3))
+    with pytest.raises(FileFormatError, match=r"body\.npz: .*(weights|kintree_table|J_regressor|f\b)"):
+        read_parts(tmp_path / "body.npz")
