@@ -6,11 +6,13 @@ import os
 import numpy as np
 import pytest
 
+from nilbs.app.main import main
 from nilbs.geometry.kinematics import forward_kinematics, smooth_random_rotations
 from nilbs.geometry.skeleton import skeleton_of_joints
 from nilbs.io import read_mesh, read_parts, read_transforms, read_weights, write_mesh, write_motion_json
 from nilbs.io.bone_map import write_bone_map
 from nilbs.io.parts import Clip, Mesh
+from nilbs.io.registry import READABLE, WRITABLE
 from nilbs.loading import in_space, read_rigged_mesh
 from nilbs.saving import write_files
 
@@ -219,3 +221,15 @@ def test_a_mistake_is_named_and_nothing_written(body, out, fails, words, message
     words = [word if word.startswith("-") or "." not in word else body / word for word in words]
     assert message.replace("{}", str(body)) in fails("convert", *words)
     assert os.listdir(out) == []
+
+
+def test_help_names_every_suffix(capsys):
+    # The texts are written out, because --help imports nothing; the lists they follow are the registry's.
+    with pytest.raises(SystemExit):
+        main(["convert", "--help"])
+    written = capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["train", "--help"])
+    read = capsys.readouterr().out
+    assert [suffix for suffix in WRITABLE if f"{suffix} " not in written and f"{suffix}," not in written] == []
+    assert [suffix for suffix in READABLE if suffix not in read] == []
