@@ -2,7 +2,9 @@
 
 import argparse
 
-from nilbs.app.options import add_json
+from nilbs.app.options import add_group, add_json
+
+_OWN_LINES = ("file", "notes", "problems", "verdict")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -11,27 +13,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "files",
         nargs="+",
         metavar="FILE",
-        help="a mesh (.obj, .ply), rig (.tgf), motion (.dmat, .json), weights (.dmat, .npz), points (.npy) or model "
-        "(.nilbs); several are also checked against each other",
+        help="a mesh (.obj, .ply, .off, .stl), rig (.tgf, .txt, .mhskel), all of a character (.glb, .gltf, .fbx, "
+        ".npz), motion (.dmat, .json, .bvh), weights (.dmat, .npz, .mhw), points (.npy) or model (.nilbs); several "
+        "are also checked against each other",
     )
+    add_group(parser)
     add_json(parser)
 
 
 def run(args: argparse.Namespace) -> None:
     """Read every file and report."""
     from nilbs.app.agreement import disagreements
-    from nilbs.app.contents import describe, read
+    from nilbs.app.contents import read
+    from nilbs.app.descriptions import describe
     from nilbs.app.output import rows, show
 
-    contents = [read(path) for path in args.files]
+    contents = read(args.files, group=args.group)
     reports = [describe(content, contents) for content in contents]
     across = disagreements(contents)
     blocks = []
     for report in reports:
-        named = {name: value for name, value in report.items() if name not in ("file", "problems")}
-        blocks.append("\n".join([report["file"], rows(named, "  "), *_problems(report["problems"], "  ")]))
+        named = {name: value for name, value in report.items() if name not in _OWN_LINES}
+        notes = [f"  note: {note}" for note in report.get("notes", [])]
+        lines = [report["file"], rows(named, "  "), *notes, *_problems(report["problems"], "  ")]
+        blocks.append("\n".join(lines))
     if len(contents) > 1:
         blocks.append("\n".join(["together", *_problems(across, "  ")]))
+    blocks += [f"{report['file']}: {report['verdict']}" for report in reports if "verdict" in report]
     show({"files": reports, "problems": across}, as_json=args.json, table="\n\n".join(blocks))
 
 

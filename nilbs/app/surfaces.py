@@ -1,10 +1,10 @@
-"""What a surface is like, in numbers, and what is wrong with it."""
+"""What a surface is like, in numbers, what is wrong with it, and what it will be taken for."""
 
 from typing import Any
 
 import numpy as np
 
-from nilbs.geometry.facets import components, facet_areas, is_watertight
+from nilbs.geometry.diagnosis import SurfaceReport, surface_report
 
 
 def describe_surface(
@@ -36,58 +36,108 @@ def describe_surface(
     (False, ['the surface is not closed: 2 of its ends belong to one facet only'])
     """
     d = V.shape[1]
-    isolated = np.setdiff1d(np.arange(len(V)), F if used is None else used)
-    area = facet_areas(V, F)
-    ordered = np.sort(F, axis=1)
-    repeated = len(F) - len(np.unique(ordered, axis=0))
-    degenerate = int(((area == 0) | (np.diff(ordered, axis=1) == 0).any(axis=1)).sum())
-    watertight = is_watertight(F)
-    volume = _signed_volume(V, F)
-    together = len(V) - len(np.unique(V, axis=0))
-    what = "edges" if d == 2 else "triangles"
-    if not watertight:
-        problems.append(_why_open(F))
-    elif volume < 0:
-        problems.append("the surface is inside out: its facets face inward")
-    if degenerate:
-        problems.append(f"{degenerate} of {len(F)} {what} are degenerate, number {int((area == 0).argmax())} first")
-    if repeated:
-        problems.append(f"{repeated} of {len(F)} {what} repeat another")
-    if len(isolated):
-        problems.append(f"{len(isolated)} of {len(V)} vertices belong to no facet, number {isolated[0]} first")
-    if together:
-        problems.append(f"{together} vertices lie exactly on another: the surface may be cut along a seam")
-    if np.ptp(V, axis=0).min() == 0:
-        problems.append(f"no extent along axis {int(np.ptp(V, axis=0).argmin())}")
+    report = surface_report(V, F)
+    isolated = report.isolated if used is None else np.setdiff1d(report.isolated, used)
+    problems += _problems(report, len(F), V, isolated)
+    extent = np.ptp(V, axis=0)
     return {
         "facets": len(F),
         "lower": V.min(axis=0),
         "upper": V.max(axis=0),
-        "L": np.ptp(V, axis=0).max(),
-        "watertight": watertight,
-        "components": components(F, len(V)),
+        "L": extent.max(),
+        "watertight": report.watertight,
+        "edge_manifold": not report.crowded_ridges,
+        "vertex_manifold": not len(report.pinched),
+        "components": report.components,
+        "holes": report.holes,
+        "self_intersections": len(report.intersections),
         "isolated_vertices": len(isolated),
-        "degenerate_facets": degenerate,
-        "duplicate_facets": repeated,
-        "coincident_vertices": together,
-        "volume" if d == 3 else "area": volume,
-        "orientation": ("outward" if volume > 0 else "inward") if watertight and volume else None,
+        "degenerate_facets": len(report.degenerate),
+        "duplicate_facets": len(report.duplicate),
+        "coincident_vertices": len(report.coincident),
+        "volume" if d == 3 else "area": report.volume,
+        "orientation": ("outward" if report.volume > 0 else "inward") if report.watertight and report.volume else None,
     }
 
 
-def _signed_volume(V: np.ndarray, F: np.ndarray) -> float:
-    """Enclosed volume (3D) or area (2D), positive where facets face outward; of an open surface only a hint."""
-    corners = V[F] - V.mean(axis=0)
-    return float(np.linalg.det(corners).sum() / (2 if V.shape[1] == 2 else 6))
+def verdict(V: np.ndarray, E: np.ndarray) -> str:
+    """What the volume in which weights are solved will be, in a line.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices.
+    E : (m, 3) int array
+        Triangles: those that fill the shape in the plane, those of its surface in space.
+
+    Returns
+    -------
+    verdict : str
+
+    Examples
+    --------
+    >>> verdict(np.eye(3), np.array([[0, 1, 2]]))
+    'not a clean solid (1 hole): weights will be solved in a wrapped volume'
+    """
+    from nilbs.geometry.diagnosis import solid_defects
+    from nilbs.geometry.domain import welded
+    from nilbs.geometry.orientation import coherent_orientation
+
+    if V.shape[1] == 2:
+        return "flat: its own triangles are the domain of the weights"
+    if not solid_defects(V, E):
+        return "clean solid: used as it is"
+    # What the domain of the weights does before it gives a surface up.
+    size = float(np.linalg.norm(np.ptp(V[np.unique(E)], axis=0)))
+    V, E = welded((V - V[E].mean(axis=(0, 1))) / (size or 1.0), E)
+    defects = solid_defects(V, coherent_orientation(V, E)[0]) if len(E) else ["no facet encloses anything"]
+    if not defects:
+        return "clean solid once vertices at one place are joined and facets are turned alike: used like that"
+    return f"not a clean solid ({', '.join(defects)}): weights will be solved in a wrapped volume"
 
 
-def _why_open(F: np.ndarray) -> str:
-    """Why a surface is not watertight: a hole, more than two facets in one place, or facets turned differently."""
-    ends = F[:, :, None] if F.shape[1] == 2 else np.stack([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]], axis=1)
-    _, count = np.unique(np.sort(ends.reshape(-1, ends.shape[2]), axis=1), axis=0, return_counts=True)
-    kind = "ends" if F.shape[1] == 2 else "edges"
-    if (count == 1).any():
-        return f"the surface is not closed: {int((count == 1).sum())} of its {kind} belong to one facet only"
-    if (count > 2).any():
-        return f"the surface is not manifold: {int((count > 2).sum())} of its {kind} belong to more than two facets"
-    return "the surface is not consistently oriented: neighbouring facets face opposite ways"
+def _problems(report: SurfaceReport, m: int, V: np.ndarray, isolated: np.ndarray) -> list[str]:
+    """A sentence on every kind of defect, most important first."""
+    plane = report.d == 2
+    kind, what = ("ends", "edges") if plane else ("edges", "triangles")
+    found = []
+    if report.open_ridges:
+        found.append(f"the surface is not closed: {report.open_ridges} of its {kind} belong to one facet only")
+        if report.t_junctions.size:
+            found.append(
+                f"{len(report.t_junctions)} vertices lie on the edge of a neighbour (T-junctions), number "
+                f"{report.t_junctions[0]} first"
+            )
+    if report.crowded_ridges:
+        found.append(f"the surface is not manifold: {report.crowded_ridges} of its {kind} have more than two facets")
+    if report.disagreeing_ridges:
+        found.append(
+            f"the surface is not consistently oriented: at {report.disagreeing_ridges} of its {kind} neighbouring "
+            "facets face opposite ways"
+        )
+    if len(report.inside_out):
+        parts = "the surface is" if report.components == 1 else f"{len(report.inside_out)} closed parts are"
+        found.append(f"{parts} inside out: facets face inward, number {report.inside_out[0]} first")
+    if len(report.intersections):
+        i, j = report.intersections[0].tolist()
+        count = f"{'' if report.all_intersections else 'more than '}{len(report.intersections)}"
+        found.append(f"the surface runs into itself: {count} pairs of {what} touch or cross, numbers {i} and {j} first")
+    elif not report.all_intersections:
+        found.append(f"too many {what} lie in one place to tell whether the surface runs into itself")
+    if len(report.pinched):
+        found.append(f"{len(report.pinched)} vertices are where parts only touch, number {report.pinched[0]} first")
+    if len(report.degenerate):
+        found.append(f"{len(report.degenerate)} of {m} {what} are degenerate, number {report.degenerate[0]} first")
+    if len(report.duplicate):
+        found.append(f"{len(report.duplicate)} of {m} {what} repeat another, number {report.duplicate[0]} first")
+    if len(isolated):
+        found.append(f"{len(isolated)} of {len(V)} vertices belong to no facet, number {isolated[0]} first")
+    if len(report.coincident):
+        found.append(
+            f"{len(report.coincident)} vertices lie exactly on another, number {report.coincident[0]} first: the "
+            "surface may be cut along a seam"
+        )
+    extent = np.ptp(V, axis=0)
+    if extent.min() == 0:
+        found.append(f"no extent along axis {int(extent.argmin())}")
+    return found

@@ -1,6 +1,6 @@
 """What a rig is like beside the surface that it should move."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.topology import group_labels
 from nilbs.geometry.validation import arrays
 
 _ON_TOP = 1e-6  # of the rig's extent: joints that are nearer coincide
@@ -16,6 +17,7 @@ _SAMPLES = 9  # points between the joints of a bone
 _FACTORS = (1.0, *(f**sign for f in (10, 100, 1000, 2.54, 25.4, 39.37, 30.48, 3.281) for sign in (1, -1)))
 _SMALL = 0.05  # of the surface's extent: a smaller rig is in doubt, and
 _FITTING = 0.25  # how large one must be at least that is suggested instead
+_ALIKE = (0.45, 1.3)  # how large one is, of the surface's extent, whose unit is not in doubt
 _SLACK = 0.05  # of the surface's extent: how far joints may lie outside its box
 
 
@@ -27,23 +29,14 @@ class RigReport:
     ----------
     outside : (o,) int array
         Joints of bones that lie outside the surface, where the winding number is at most one half.
-    coincident : (c,) int array
-        Joints of bones at the place of one before them.
-    without_length : (l,) int array
-        Bones whose two joints are at one place.
     without_volume : (v,) int array
         Bones of which no part lies inside the surface.
-    roots : int
-        Bones without a parent.
     suggestion : str or None
         How the rig would fit where it seems to be in another unit or frame than the surface.
     """
 
     outside: np.ndarray
-    coincident: np.ndarray
-    without_length: np.ndarray
     without_volume: np.ndarray
-    roots: int
     suggestion: str | None
 
 
@@ -79,7 +72,6 @@ def rig_report(V: np.ndarray, F: np.ndarray, skeleton: Skeleton) -> RigReport:
     C, BE = skeleton.C, skeleton.BE
     V, F, C = arrays(V=(V, "n d"), F=(F, "m d", int), C=(C, "k d"))
     joints = np.unique(BE)
-    near = _ON_TOP * float(np.ptp(C[joints], axis=0).max())
     inside = np.zeros(len(C), dtype=bool)
     inside[joints] = occupancy(V, F, C[joints])
     s = (np.arange(1, _SAMPLES + 1) / (_SAMPLES + 1))[:, None]
@@ -87,12 +79,40 @@ def rig_report(V: np.ndarray, F: np.ndarray, skeleton: Skeleton) -> RigReport:
     partly = occupancy(V, F, between.reshape(-1, V.shape[1])).reshape(-1, _SAMPLES).any(axis=1) | inside[BE].any(axis=1)
     return RigReport(
         outside=joints[~inside[joints]],
-        coincident=_coincident(C, joints, near),
-        without_length=np.flatnonzero(np.linalg.norm(C[BE[:, 1]] - C[BE[:, 0]], axis=1) <= near),
         without_volume=np.flatnonzero(~partly),
-        roots=int((skeleton.P < 0).sum()),
         suggestion=frame_suggestion(V, F, C[joints]),
     )
+
+
+def coincident_joints(skeleton: Skeleton) -> np.ndarray:
+    """Joints at the place of another, where that is not a bone's start at its parent's end.
+
+    Parameters
+    ----------
+    skeleton : Skeleton
+
+    Returns
+    -------
+    joints : (c,) int array
+        All but the first at each place, ascending. Places nearer than 1e-6 of the rig's extent are one.
+
+    Examples
+    --------
+    >>> C, BE = [[0, 0], [1, 0], [1, 0], [2, 0], [2, 0], [3, 0]], [[0, 1], [2, 3], [4, 5]]
+    >>> coincident_joints(Skeleton(C, BE, [-1, 0, 0], "abc")).tolist()
+    [4]
+    """
+    from scipy.spatial import cKDTree
+
+    C, BE, P = skeleton.C, skeleton.BE, skeleton.P
+    near = _ON_TOP * float(np.ptp(C, axis=0).max())
+    child = np.flatnonzero(P >= 0)
+    end, start = BE[P[child], 1], BE[child, 0]
+    meet = np.linalg.norm(C[end] - C[start], axis=1) <= near
+    one = group_labels(end[meet], start[meet], len(C))
+    pairs = cKDTree(C).query_pairs(near, output_type="ndarray").reshape(-1, 2)
+    pairs = pairs[one[pairs[:, 0]] != one[pairs[:, 1]]]
+    return np.unique(pairs.max(axis=1, initial=0))
 
 
 def frame_suggestion(V: np.ndarray, F: np.ndarray, C: np.ndarray) -> str | None:
@@ -134,7 +154,8 @@ def frame_suggestion(V: np.ndarray, F: np.ndarray, C: np.ndarray) -> str | None:
     if 2 * now >= len(C) and (extent >= _SMALL * size or len(C) < 3):
         return None
     best: tuple[int, str] | None = None
-    for factor, axes, moved in _candidates(C):
+    in_doubt = not _ALIKE[0] <= extent / size <= _ALIKE[1] if size else False
+    for factor, axes, moved in _candidates(C, _FACTORS if in_doubt else _FACTORS[:1]):
         fits = (moved >= lower - _SLACK * size).all() and (moved <= upper + _SLACK * size).all()
         if fits and np.ptp(moved, axis=0).max() >= _FITTING * size:
             inside = int(occupancy(V, F, moved).sum())
@@ -153,14 +174,7 @@ def frame_suggestion(V: np.ndarray, F: np.ndarray, C: np.ndarray) -> str | None:
     return None
 
 
-def _coincident(C: np.ndarray, joints: np.ndarray, near: float) -> np.ndarray:
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(C[joints]).query_pairs(near, output_type="ndarray").reshape(-1, 2)
-    return joints[np.unique(pairs.max(axis=1, initial=0))]
-
-
-def _candidates(C: np.ndarray) -> Iterator[tuple[float, np.ndarray | None, np.ndarray]]:
+def _candidates(C: np.ndarray, factors: Sequence[float]) -> Iterator[tuple[float, np.ndarray | None, np.ndarray]]:
     """Joints in other units and frames, simple ones first: factor, axes in new order (from 1, signed), points."""
     d = C.shape[1]
     turns = [
@@ -171,9 +185,9 @@ def _candidates(C: np.ndarray) -> Iterator[tuple[float, np.ndarray | None, np.nd
     ]
     # Of simple ones those that exchange two axes come first: one of these is up.
     turns.sort(key=lambda turn: ((turn != np.arange(1, d + 1)).sum(), (np.abs(turn) == np.arange(1, d + 1)).all()))
-    for factor in _FACTORS:
+    for factor in factors:
         yield factor, None, factor * C
-    for factor in _FACTORS:
+    for factor in factors:
         for turn in turns[1:]:
             yield factor, turn, factor * np.sign(turn) * C[:, np.abs(turn) - 1]
 

@@ -44,12 +44,44 @@ def test_a_sound_cube(mesh):
             "1 of 13 triangles are degenerate, number 12 first",
         ),
         (np.concatenate([CUBE, [[5, 5, 5]]]), CUBE_F, "1 of 9 vertices belong to no facet, number 8 first"),
-        (np.concatenate([CUBE, CUBE[:1]]), CUBE_F, "1 vertices lie exactly on another"),
+        (
+            np.concatenate([CUBE, CUBE[:1]]),
+            np.concatenate([[[8, 1, 3]], CUBE_F[1:]]),
+            "1 vertices lie exactly on another, number 8 first",
+        ),
         (CUBE * [1, 1, 0] + [0, 0, 1], CUBE_F, "no extent along axis 2"),
+        (
+            np.concatenate([CUBE, [[0, 0, 0.5]]]),
+            np.concatenate([[[0, 8, 3], [8, 1, 3]], CUBE_F[1:]]),
+            "1 vertices lie on the edge of a neighbour (T-junctions), number 8 first",
+        ),
+        (
+            np.concatenate([CUBE, CUBE + 0.5]),
+            np.concatenate([CUBE_F, CUBE_F + 8]),
+            "the surface runs into itself: 18 pairs of triangles touch or cross, numbers ",
+        ),
+        (
+            np.concatenate([CUBE, CUBE + 1]),
+            np.array([*range(8), 7, *range(9, 16)])[np.concatenate([CUBE_F, CUBE_F + 8])],
+            "1 vertices are where parts only touch, number 7 first",
+        ),
+        (
+            np.concatenate([CUBE, CUBE + 3]),
+            np.concatenate([CUBE_F[:, ::-1], CUBE_F + 8]),
+            "1 closed parts are inside out",
+        ),
     ],
 )
 def test_what_is_wrong_with_a_cube(mesh, V, F, problem):
     assert any(found.startswith(problem) for found in mesh(V, F)["problems"])
+
+
+def test_a_tangle(mesh, monkeypatch):
+    monkeypatch.setattr("nilbs.geometry.intersections._ENOUGH", 1)
+    V, F = np.concatenate([CUBE, CUBE + 0.5]), np.concatenate([CUBE_F, CUBE_F + 8])
+    assert mesh(V, F)["problems"][0].startswith("the surface runs into itself: more than ")
+    monkeypatch.setattr("nilbs.geometry.intersections._PAIRS_PER_FACET", 0)
+    assert mesh(CUBE, CUBE_F)["problems"][0].startswith("too many triangles lie in one place")
 
 
 def test_two_pieces(mesh):
@@ -81,7 +113,7 @@ def test_a_rig(tmp_path, succeeds):
         "2 joints belong to no bone, joint 6 first",
         "the rig is 2 separate skeletons",
         "bone 3 is very short: 0.001",
-        "1 joints lie exactly on another joint",
+        "1 joints lie on another joint, joint 7 first",
     ]
 
 
@@ -189,7 +221,7 @@ def test_files_that_do_not_belong_together(turning, succeeds, bar):
     for expected in [
         "w.npz and a.obj: weights of 9 vertices, but the mesh has 27",
         "w.npz and rig.tgf: weights of 4 bones, but the rig has 2",
-        "rig.tgf and a.obj: 3 joints lie outside the mesh's box, joint 0 first",
+        "rig.tgf and a.obj: the rig's box lies beside the mesh's: moved by (0, -0.6) its joints would meet it",
         "far.tgf and a.obj: the rig lies outside the mesh",
         "one.dmat and rig.tgf: a motion of 1 bones, but the rig has 2",
         "named.json and rig.tgf: the rig has no bone 'head'",
@@ -197,6 +229,216 @@ def test_files_that_do_not_belong_together(turning, succeeds, bar):
         "x.npy and a.obj: points of shape (1, 3), but the mesh has d = 2",
     ]:
         assert any(problem.startswith(expected) for problem in problems), (expected, problems)
+
+
+def test_a_rig_in_another_unit(turning, succeeds, bar):
+    V, F, C, BE = bar(3)
+    write_mesh(turning / "a.off.obj", V, F)
+    write_tgf(turning / "cm.tgf", C * 100, BE)
+    problems = succeeds("info", turning / "a.off.obj", turning / "cm.tgf")["problems"]
+    assert len(problems) == 2
+    assert problems[0].endswith("bring both to the same unit and frame")
+    assert problems[1].endswith("with its joints divided by 100, 3 of 3 lie inside the mesh instead of 0")
+
+
+def test_a_rig_that_partly_lies_outside(turning, succeeds, bar):
+    V, F, C, BE = bar(3)
+    write_mesh(turning / "a.obj", V, F)
+    write_tgf(turning / "rig.tgf", np.concatenate([C, [[2, 0.5, 0.7], [2, 0.5, 0.9]]]), [*BE, [3, 4]])
+    assert [p.split(": ", 1)[1] for p in succeeds("info", turning / "a.obj", turning / "rig.tgf")["problems"]] == [
+        "2 of 5 joints lie outside the mesh, joint 3 first",
+        "1 of 3 bones have no part inside the mesh: bone2",
+    ]
+
+
+@pytest.mark.parametrize("suffix", [".off", ".stl", ".obj"])
+def test_a_group_of_a_mesh_in_other_formats(tmp_path, succeeds, fails, suffix):
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".obj":
+        write_mesh(path, CUBE, CUBE_F)
+        path.write_text(path.read_text().replace("f", "o cube\nf", 1) + "g open\nf 1 2 4\n")
+    elif suffix == ".off":
+        rows = [" ".join(map(str, row)) for row in (*CUBE.tolist(), *([3, *row] for row in CUBE_F.tolist()))]
+        path.write_text("\n".join(["OFF", "8 12 0", *rows]))
+    else:
+        rows = [f"vertex {x} {y} {z}" for x, y, z in CUBE[CUBE_F].reshape(-1, 3).tolist()]
+        loops = ["\n".join(["outer loop", *rows[i : i + 3], "endloop"]) for i in range(0, 36, 3)]
+        path.write_text("\n".join(["solid cube", *loops, "endsolid"]))
+    report = succeeds("info", path)["files"][0]
+    assert report["watertight"] == (suffix != ".obj")
+    assert report.get("groups", []) == {".off": [], ".stl": ["cube"], ".obj": ["cube", "open"]}[suffix]
+    if suffix != ".off":
+        report = succeeds("info", path, "--group", "open" if suffix == ".obj" else "cube")["files"][0]
+        assert report["facets"] == (1 if suffix == ".obj" else 12)
+        assert "groups" not in report
+    known = {".off": "none", ".stl": "'cube'", ".obj": "'cube', 'open'"}[suffix]
+    assert fails("info", path, "--group", "nose").endswith(f"the mesh has no group 'nose'; its groups are: {known}")
+
+
+@pytest.mark.parametrize(
+    ("V", "F", "expected"),
+    [
+        (CUBE, CUBE_F, "clean solid: used as it is"),
+        (
+            CUBE[CUBE_F].reshape(-1, 3),
+            np.arange(36).reshape(12, 3),
+            "clean solid once vertices at one place are joined",
+        ),
+        (CUBE, np.concatenate([CUBE_F[:1, ::-1], CUBE_F[1:]]), "clean solid once vertices at one place are joined"),
+        (CUBE, CUBE_F[1:], "not a clean solid (1 hole): weights will be solved in a wrapped volume"),
+        (CUBE, np.concatenate([CUBE_F[:1], CUBE_F[:1, ::-1]]), "not a clean solid (no facet encloses anything)"),
+        (CUBE[:, :2] + CUBE[:, 2:] * [5, 0], [[0, 2, 4]], "flat: its own triangles are the domain of the weights"),
+    ],
+)
+def test_the_verdict(tmp_path, succeeds, V, F, expected):
+    write_mesh(tmp_path / "a.obj", V, F)
+    assert succeeds("info", tmp_path / "a.obj")["files"][0]["verdict"].startswith(expected)
+
+
+def test_notes_on_a_mesh(tmp_path, nilbs):
+    write_mesh(tmp_path / "a.obj", CUBE, np.concatenate([CUBE_F, [[0, 0, 1]]]))
+    status, text, _ = nilbs("info", tmp_path / "a.obj")
+    assert status == 0
+    assert "  note: 1 of 13 faces have fewer than three different corners and are left out" in text.splitlines()
+
+
+RIGNET = """joints hip 0.5 0.5 0.2
+joints head 0.5 0.5 0.8
+root hip
+skin 0 hip 1
+skin 1 hip 0.25 head 0.5
+hier hip head
+"""
+
+
+def test_a_rig_with_painted_weights(tmp_path, succeeds):
+    (tmp_path / "a.txt").write_text(RIGNET)
+    write_mesh(tmp_path / "a.obj", CUBE, CUBE_F)
+    values = succeeds("info", tmp_path / "a.txt", tmp_path / "a.obj")
+    rig, weights, _ = values["files"]
+    assert (rig["kind"], rig["names"], rig["bones_without_length"]) == ("rig", ["hip", "head"], 1)
+    assert (weights["kind"], weights["shape"], weights["vertices"]) == ("weights", [None, 2], 2)
+    assert weights["problems"] == ["1 of 2 vertices have weights that do not sum to one; those of vertex 1 sum to 0.75"]
+    assert values["problems"] == []
+    (tmp_path / "a.txt").write_text(RIGNET + "skin 8 hip -1 head 2\n")
+    values = succeeds("info", tmp_path / "a.txt", tmp_path / "a.obj")
+    assert values["problems"] == [f"{tmp_path}/a.txt and {tmp_path}/a.obj: weights of vertex 8, but the mesh has 8"]
+    assert values["files"][1]["problems"][0] == "weights leave 0 to 1: they run from -1 to 2"
+
+
+def test_painted_weights_of_nothing(tmp_path, succeeds):
+    write_mesh(tmp_path / "a.obj", CUBE, CUBE_F)
+    (tmp_path / "a.mhskel").write_text(json.dumps(MHSKEL))
+    (tmp_path / "a.mhw").write_text('{"weights": {}}')
+    values = succeeds("info", tmp_path / "a.obj", tmp_path / "a.mhskel", tmp_path / "a.mhw")
+    assert values["files"][2]["problems"] == ["no vertex has a weight"]
+
+
+def test_a_flat_mesh_and_a_rig_in_space(tmp_path, succeeds, bar):
+    V, T, C, BE = bar(2)
+    write_mesh(tmp_path / "a.obj", V, T)
+    write_tgf(tmp_path / "a.tgf", C + np.array([0, 0, 0.5]), BE)
+    problems = succeeds("info", tmp_path / "a.obj", tmp_path / "a.tgf")["problems"]
+    assert [p.split(": ", 1)[1] for p in problems] == ["the mesh is flat (z = 0) but joint 0 of the rig is not"]
+
+
+def test_a_character_in_one_file(tmp_path, succeeds, bar):
+    from nilbs.geometry.skeleton import Skeleton
+    from nilbs.io.gltf_writer import write_gltf
+    from nilbs.io.parts import Clip, Influences, Mesh, Parts
+
+    V, F, C, BE = bar(3)
+    skeleton = Skeleton(C, BE, np.array([-1, 0]), ("upper", "lower"))
+    n = len(V) - 1  # the last vertex is left without a weight
+    painted = Influences(np.arange(n), (V[:n, 0] > 2).astype(int), np.ones(n))
+    B = np.tile(np.eye(4), (3, 2, 1, 1))
+    clip = Clip("still", skeleton, np.array([0, 0.5, 1.0]), B)
+    write_gltf(tmp_path / "a.glb", Parts(Mesh(V, F), skeleton, painted, (clip,)))
+    values = succeeds("info", tmp_path / "a.glb")
+    assert [report["kind"] for report in values["files"]] == ["mesh", "rig", "weights", "motion"]
+    assert {report["file"] for report in values["files"]} == {str(tmp_path / "a.glb")}
+    assert values["files"][0]["verdict"] == "clean solid: used as it is"
+    motion = values["files"][3]
+    assert (motion["name"], motion["frames"], motion["seconds"], motion["rms_local_rotation"]) == ("still", 3, 1, 0)
+    assert values["files"][2]["shape"] == [n + 1, 2]
+
+
+def test_painted_weights_that_leave_out_vertices_and_bones():
+    from nilbs.app.contents import Content
+    from nilbs.app.descriptions import describe
+    from nilbs.io.parts import Influences
+
+    painted = Influences(np.array([0, 2, 2]), np.array([1, 1, 2]), np.array([1, 1, 0.0]))
+    report = describe(Content("a.glb", "weights", {"influences": painted, "n": 4, "b": 3}), [])
+    assert report["problems"] == ["2 of 4 vertices have no weight", "2 bones move no vertex, bone 0 first"]
+
+
+def test_a_file_of_nothing(tmp_path, fails, monkeypatch):
+    from nilbs.io.parts import Parts
+
+    (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
+    assert "a.gltf: " in fails("info", tmp_path / "a.gltf")
+    monkeypatch.setattr("nilbs.app.contents.read_parts", lambda path, V: Parts())
+    assert fails("info", tmp_path / "a.gltf").endswith("a.gltf: the file holds no mesh, rig or motion")
+
+
+BVH = """HIERARCHY
+ROOT {0}
+{{
+  OFFSET 90 0 0
+  CHANNELS 3 Zrotation Xrotation Yrotation
+  End Site
+  {{
+    OFFSET 0 5 0
+  }}
+}}
+MOTION
+Frames: {1}
+Frame Time: 0.04
+{2}"""
+
+
+def test_a_motion_with_a_skeleton_of_its_own(tmp_path, succeeds, bar):
+    V, F, C, BE = bar(3)
+    write_mesh(tmp_path / "a.obj", V, F)
+    write_tgf(tmp_path / "a.tgf", C, BE)
+    path = tmp_path / "walk.bvh"
+    path.write_text(BVH.format("hip", 2, "0 0 0\n10 0 0\n"))
+    values = succeeds("info", path, tmp_path / "a.obj", tmp_path / "a.tgf")
+    assert [report["kind"] for report in values["files"]] == ["rig", "motion", "mesh", "rig"]
+    assert values["files"][1]["frames"] == 2
+    # Where its skeleton stands does not matter, beside a rig.
+    assert [p.split(": ", 1)[1] for p in values["problems"]] == [
+        "no bone of the motion has the name of one of the rig: it will take a map"
+    ]
+    path.write_text(BVH.format("bone0", 1, "0 0 0\n"))
+    assert succeeds("info", path, tmp_path / "a.tgf")["problems"] == []
+    problems = succeeds("info", path, tmp_path / "a.obj")["problems"]
+    assert problems
+    assert all("walk.bvh" in problem for problem in problems)
+
+
+def test_a_motion_without_frames(tmp_path, succeeds):
+    (tmp_path / "a.bvh").write_text(BVH.format("hip", 0, ""))
+    assert succeeds("info", tmp_path / "a.bvh")["files"][1]["problems"] == ["the motion has no frame"]
+
+
+MHSKEL = {
+    "bones": {"hip": {"head": "a", "tail": "b", "parent": None, "rotation_plane": None}},
+    "joints": {"a": [0, 7], "b": [3]},
+}
+
+
+def test_makehuman_files_in_any_order(tmp_path, succeeds, fails):
+    (tmp_path / "a.mhskel").write_text(json.dumps(MHSKEL))
+    (tmp_path / "a.mhw").write_text(json.dumps({"weights": {"hip": [[0, 1.0], [7, 1.0]]}}))
+    write_mesh(tmp_path / "a.obj", CUBE, CUBE_F)
+    assert "give the rig too" in fails("info", tmp_path / "a.mhw")
+    assert "give the mesh file too" in fails("info", tmp_path / "a.mhskel")
+    values = succeeds("info", tmp_path / "a.mhw", tmp_path / "a.mhskel", tmp_path / "a.obj")
+    assert [report["kind"] for report in values["files"]] == ["weights", "rig", "mesh"]
+    assert values["files"][0]["pairs"] == 2
+    assert values["files"][1]["lower"] == [0.0, 0.5, 0.5]
 
 
 def test_as_a_table(assets, nilbs, tmp_path):
@@ -207,7 +449,9 @@ def test_as_a_table(assets, nilbs, tmp_path):
     assert lines[0] == str(tmp_path / "open.obj")
     assert "  problem: the surface is not closed: 3 of its edges belong to one facet only" in lines
     assert "  no problem found" in lines
-    assert lines[-2] == "together"
+    assert "together" in lines
+    end = f"{tmp_path / 'open.obj'}: not a clean solid (1 hole): weights will be solved in a wrapped volume"
+    assert lines[-2:] == ["", end]
 
 
 @pytest.mark.parametrize(
@@ -219,7 +463,8 @@ def test_as_a_table(assets, nilbs, tmp_path):
         ("a.npz", "hello", "a.npz: damaged .npz file"),
         ("a.json", "[" * 100_000, "a.json: the JSON is nested too deep"),
         ("a.nilbs", "hello", "a.nilbs: "),
-        ("a.txt", "hello", "a.txt: the file name must end in"),
+        ("a.txt", "hello", "a.txt:1: a line of a rig starts with"),
+        ("a.doc", "hello", "a.doc: the file name must end in"),
     ],
 )
 def test_a_file_that_cannot_be_read(tmp_path, fails, name, content, message):

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from nilbs.geometry.rig_diagnosis import frame_suggestion, rig_report
+from nilbs.geometry.rig_diagnosis import coincident_joints, frame_suggestion, rig_report
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
@@ -18,9 +18,9 @@ def rig(C, BE, P):
 
 def test_a_rig_that_fits():
     report = rig_report(V, F, rig(C, [[0, 1], [1, 2], [1, 3]], [-1, 0, 0]))
-    for found in (report.outside, report.coincident, report.without_length, report.without_volume):
-        assert found.tolist() == []
-    assert (report.roots, report.suggestion) == (1, None)
+    assert report.outside.tolist() == []
+    assert report.without_volume.tolist() == []
+    assert report.suggestion is None
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1.0, 1e4])
@@ -39,10 +39,7 @@ def test_what_is_wrong_with_a_rig(scale):
     BE = [[0, 1], [1, 2], [2, 3], [4, 5], [4, 4], [6, 7]]
     report = rig_report(V * scale, F, rig(np.array(joints) * scale, BE, [-1, 0, 1, -1, 3, -1]))
     assert report.outside.tolist() == [3, 4, 5, 6, 7]
-    assert report.coincident.tolist() == [2]
-    assert report.without_length.tolist() == [1, 4]
     assert report.without_volume.tolist() == [3, 4]  # the last bone runs through, from outside to outside
-    assert report.roots == 3
 
 
 def test_a_rig_in_the_plane():
@@ -51,10 +48,16 @@ def test_a_rig_in_the_plane():
     assert report.suggestion is None
 
 
-def test_a_skeleton_of_joints():
-    report = rig_report(V, F, skeleton_of_joints(C, [-1, 0, 1, 1], "abcd"))
-    assert report.without_length.tolist() == [2, 3]
-    assert report.coincident.tolist() == []
+@pytest.mark.parametrize("scale", [1e-4, 1.0, 1e4])
+def test_coincident_joints(scale):
+    # Bones of joints: the last two start where the second does.
+    joints = np.concatenate([C, C[1:2] + 1e-8, C[1:2]]) * scale
+    assert coincident_joints(skeleton_of_joints(joints[:4], [-1, 0, 1, 1], "abcd")).tolist() == []
+    assert coincident_joints(skeleton_of_joints(joints, [-1, 0, 1, 1, 1, 0], "abcdef")).tolist() == [4, 5]
+    # Bones with two joints each: every child starts at a joint of its own where its parent ends.
+    ends = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0], [1, 1, 0]]) * scale
+    assert coincident_joints(rig(ends, [[0, 1], [2, 3], [4, 5]], [-1, 0, 0])).tolist() == []
+    assert coincident_joints(rig(ends, [[0, 1], [2, 3], [4, 5]], [-1, 0, -1])).tolist() == [4]
 
 
 @pytest.mark.parametrize("factor", [100, 0.01, 10, 1000, 2.54, 0.3048])
@@ -97,7 +100,12 @@ def test_where_no_usual_unit_helps():
 
 
 def test_joints_that_are_near_but_not_inside():
-    assert frame_suggestion(V, F, C + [0.55, 0, 0]) is None
+    assert frame_suggestion(V - [0.55, 0, 0], F, C) is None
+
+
+def test_the_unit_of_a_rig_of_the_right_size_is_not_in_doubt():
+    # A third of it would lie inside, but it is as large as the surface already.
+    assert frame_suggestion(V - [2.5, 2, 2], F, C - [2.5, 2, 2] + [0, 0, 1.6]) is None
 
 
 def test_no_surface_and_no_joints():
