@@ -43,9 +43,9 @@ def wrap(V: np.ndarray, F: np.ndarray, *, resolution: int = 192) -> tuple[Grid, 
 
     Notes
     -----
-    A place belongs to the solid where the absolute generalized winding number is above one half [1]_. Facets near which
-    the grid sees no such place (sheets, hair, plates thinner than a cell) are given a thickness of their own, as small
-    as holds them together on this grid; solid parts are not thickened, so that what is close stays apart.
+    A place belongs to the solid where the absolute generalized winding number is above one half [1]_. Where the grid
+    sees no such place near a facet (sheets, hair, plates thinner than a cell) it is given a thickness, as small as
+    holds it together on this grid; solid parts are not thickened, so that what is close stays apart.
 
     References
     ----------
@@ -72,14 +72,11 @@ def wrap(V: np.ndarray, F: np.ndarray, *, resolution: int = 192) -> tuple[Grid, 
         return np.where(occupancy(V, F, x), -distance, distance), distance
 
     levels, _ = node_levels(solid, grid, stride=4)
-    thin = F[_without_volume(V, F, grid, levels < 0)]
-    if len(thin):
-
-        def sheet(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            distance, _, _ = closest_points(V, thin, x)
-            return distance - THICKNESS * grid.spacing, distance
-
-        levels = np.minimum(levels, node_levels(sheet, grid, stride=4)[0])
+    # What the blur would take away is thin too.
+    bare = _nodes_without_volume(V, F, grid, gaussian_filter(levels, BLUR) < 0)
+    if bare.any():
+        distance, _, _ = closest_points(V, F, grid.origin + grid.spacing * np.argwhere(bare))
+        levels[bare] = np.minimum(levels[bare], distance - THICKNESS * grid.spacing)
     return grid, gaussian_filter(levels, BLUR)
 
 
@@ -113,17 +110,16 @@ def wrapping_surface(V: np.ndarray, F: np.ndarray, *, resolution: int = 192) -> 
     return isosurface(levels, grid)
 
 
-def _without_volume(V: np.ndarray, F: np.ndarray, grid: Grid, inside: np.ndarray) -> np.ndarray:
-    """Facets (m,) some place of which has no node inside within about a cell."""
+def _nodes_without_volume(V: np.ndarray, F: np.ndarray, grid: Grid, inside: np.ndarray) -> np.ndarray:
+    """Nodes within two cells of those places of the surface that have no node inside within about a cell."""
     from scipy.ndimage import maximum_filter
 
-    near = maximum_filter(inside, size=3)
     rng = np.random.default_rng(0)
     area = facet_areas(V, F).sum() / grid.spacing ** (V.shape[1] - 1)
     # Some four places a cell of surface, and every facet's centre, however small it is.
-    x, facet = facet_samples(V, F, min(int(4 * area), 2_000_000), rng=rng) if area > 0 else (V[:0], F[:0, 0])
-    x, facet = np.concatenate([V[F].mean(axis=1), x]), np.concatenate([np.arange(len(F)), facet])
-    node = np.round((x - grid.origin) / grid.spacing).astype(np.int64)
-    bare = np.zeros(len(F), dtype=bool)
-    bare[facet[~near[tuple(node.T)]]] = True
-    return bare
+    x = facet_samples(V, F, min(int(4 * area), 2_000_000), rng=rng)[0] if area > 0 else V[:0]
+    node = np.round((np.concatenate([V[F].mean(axis=1), x]) - grid.origin) / grid.spacing).astype(np.int64)
+    bare = np.zeros(grid.shape, dtype=bool)
+    bare[tuple(node.T)] = True
+    bare &= ~maximum_filter(inside, size=3)
+    return maximum_filter(bare, size=5)
