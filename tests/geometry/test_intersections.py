@@ -85,6 +85,19 @@ def test_a_flat_finely_divided_plane_is_clear_of_itself(rng):
     assert len(self_intersections(x, F)[0]) > 0
 
 
+@pytest.mark.parametrize(("x", "expected"), [(-1, 0), (1, 1)])
+def test_triangles_that_share_a_corner_and_stand_across_each_other(x, expected):
+    V = np.array([[0.0, 0, 0], [1, -1, 0], [1, 1, 0], [x, 0.1, -1], [x, 0.1, 1]])
+    assert len(self_intersections(V, [[0, 1, 2], [0, 3, 4]])[0]) == expected
+
+
+@pytest.mark.parametrize(("height", "expected"), [(1e-12, 1), (0.0, 1), (1e-6, 0)])
+def test_a_tip_that_stands_on_the_middle_of_a_triangle(height, expected):
+    V = np.array([[0.0, 0, 0], [3, 0, 0], [0, 3, 0], [1, 1, height], [1, 1.5, 1], [1.5, 1, 1]])
+    assert len(self_intersections(V, [[0, 1, 2], [3, 4, 5]])[0]) == expected
+    assert len(self_intersections(V, [[5, 3, 4], [1, 0, 2]])[0]) == expected
+
+
 def test_bodies_that_touch():
     F = np.concatenate([CUBE_F, CUBE_F + 8])
     for gap, touching in ((0.01, False), (1e-7, False), (1e-12, True), (0, True)):

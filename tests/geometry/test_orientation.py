@@ -103,6 +103,24 @@ def test_a_moebius_strip_is_never_made_worse(rng):
         assert np.array_equal(turned(G, flipped), broken)
 
 
+def test_a_wide_moebius_strip_keeps_about_its_seam(rng):
+    V, F = strip(12, twisted=True)
+    # Every triangle in four, twice: strips eight times as wide.
+    for _ in range(2):
+        edge = ridges(F)
+        middle = len(V) + edge.ridge
+        V = np.concatenate([V, V[edge.corners].mean(axis=1)])
+        a, b, c = F.T
+        ab, bc, ca = middle.T
+        F = np.concatenate([np.stack(t, 1) for t in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))])
+    seam = disagreements(F)
+    assert seam == 4
+    for _ in range(10):
+        broken = turned(F, rng.random(len(F)) < 0.02)
+        assert disagreements(broken) > seam
+        assert disagreements(coherent_orientation(V, broken)[0]) <= seam + 2  # beside it the turned are told less well
+
+
 def test_beside_a_moebius_strip_others_are_turned():
     V, F = strip(12, twisted=True)
     which = np.arange(12) == 5
