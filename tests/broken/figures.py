@@ -197,7 +197,7 @@ kind(lambda c: np.abs(c.V).min() > 0.9e5, name="flat_offset_of_1e5_sizes")(_scal
 @kind(lambda c: np.ptp(c.V[:, 1]) == 0, outcome="error", error="extent|area|line")
 def flat_on_a_line(rng):
     V, F = plate()
-    return Case(V * [1, 0], F, plate_spine())
+    return Case(V * [1, 0], F, chain(plate_spine().C * [1, 0]))
 
 
 @kind(lambda c: c.skeleton.C[:, 0].min() > 2, outcome="error", error="unit|frame")

@@ -165,22 +165,17 @@ def turned_grid(rng):
     return 0.4 * x + rng.uniform(-0.05, 0.05, x.shape)
 
 
-@kind(lambda c: pieces(c.F) == 2 and boundary_edges(c.F) == 0)
+@kind(lambda c: pieces(c.F) == 2 and crossings(c.V, c.F) == 0 and joints_outside(c.V, c.F, c.skeleton.C) == 5)
 def cavity(rng):
     """A hollow bar: the inner shell bounds a void around the bones."""
-    inner, F = worm(radius=0.06)
-    return Case(
-        *joined(
-            worm(radius=0.12), reversed_faces((0.5 + 0.8 * (inner - 0.5) * [1, 1.25, 1.25] + [0, 0.125, 0.125], F))
-        ),
-        spine(),
-    )
+    V, F = worm(radius=0.12)
+    return Case(*joined((V, F), reversed_faces((V * [0.9, 0.5, 0.5] + np.array([0.05, 0, 0]), F))), spine())
 
 
-@kind(lambda c: pieces(c.F) == 2 and boundary_edges(c.F) == 0)
+@kind(lambda c: pieces(c.F) == 2 and crossings(c.V, c.F) == 0)
 def clothes_close_to_the_body(rng):
     V, F = worm()
-    return Case(*joined((V, F), (V * [1, 1.03, 1.03], F)), spine())
+    return Case(*joined((V, F), ((V - np.array([0.5, 0, 0])) * 1.05 + np.array([0.5, 0, 0]), F)), spine())
 
 
 @kind(lambda c: boundary_edges(c.F) > 50 and holes(c.F) == 1)
@@ -335,7 +330,8 @@ def single_tetrahedron(rng):
 
 @kind(lambda c: len(c.F) == 1)
 def single_triangle(rng):
-    return Case(rng.normal(size=(3, 3)), np.array([[0, 1, 2]]), chain(rng.normal(size=(2, 3)) / 9))
+    V = rng.normal(size=(3, 3))
+    return Case(V, np.array([[0, 1, 2]]), chain([0.7 * V[0] + 0.3 * V[1], V.mean(axis=0), V[2]]))
 
 
 @kind(lambda c: len(c.F) == 12 and len(c.skeleton.BE) == 3)

@@ -78,8 +78,8 @@ def faults(case: Case, solved: object) -> list[str]:
         elif not np.isfinite(W).all():
             found.append(f"{name} is not finite in {int((~np.isfinite(W)).any(axis=1).sum())} rows")
         elif W.min(initial=0) < 0 or W.max(initial=0) > 1 or np.abs(W.sum(axis=1) - 1).max(initial=0) > 1e-9:
-            error = np.abs(W.sum(axis=1) - 1).max(initial=0)
-            found.append(f"{name} leaves the simplex: {W.min():.3g} .. {W.max():.3g}, sums off by {error:.2g}")
+            sums = np.abs(W.sum(axis=1) - 1).max(initial=0)
+            found.append(f"{name} goes to {W.min():.2g} and to 1 + {W.max() - 1:.2g}, row sums are off by {sums:.2g}")
     if len(solved.T) and not element_volumes(solved.V_volume, solved.T).min() > 0:
         found.append("elements without volume")
     if found:
