@@ -227,5 +227,7 @@ def _boundary(V: np.ndarray, E: np.ndarray) -> np.ndarray:
         raise ValueError("the mesh has no triangle")
     if V.shape[1] == 3:
         return E
+    # Of triangles over the same vertices one counts.
+    E = E[np.sort(np.unique(np.sort(E, axis=1), axis=0, return_index=True)[1])]
     area = element_volumes(V, E)
     return boundary_facets(np.where((area < 0)[:, None], E[:, [0, 2, 1]], E)[area != 0])

@@ -13,12 +13,12 @@ from nilbs.geometry.handles import BoneConditions, bone_conditions, bone_points,
 from nilbs.geometry.interpolation import volume_interpolation
 from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.validation import arrays
+from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import boundary_facets
 from nilbs.geometry.weights import biharmonic_energy, bounded_biharmonic_weights
 
 # Of the diagonal of the mesh.
-SPACING = 0.0015  # of the points that hold a bone
+SPACING = 0.03  # of the points that hold a bone; short bones have one between their joints all the same
 SNAP = 0.02  # how far the vertex may be that such a point holds
 REACH = 0.1  # how far outside a bone may lie and still hold the nearest place
 # A rig whose joints span less of the mesh than this is taken for one in another unit.
@@ -94,6 +94,7 @@ def solve_weights(
     nearest to it.
     """
     V, E = arrays(V=(V, "n d"), E=(E, "m 3", int))
+    check_indices("E", E, len(V), "vertices")
     check_rig_fits(V[np.unique(E)], skeleton)
     size = float(np.linalg.norm(np.ptp(V[np.unique(E)], axis=0)))
     x, bone = bone_points(skeleton, spacing=SPACING * size)
@@ -105,7 +106,7 @@ def solve_weights(
     W_volume, lonely = _solved_by_parts(domain.V, domain.T, known, x, bone, method, progress)
     if len(lonely):
         notes.append(f"{len(lonely)} parts of the mesh that no bone enters follow {described(lonely, skeleton.names)}")
-    W = volume_interpolation(domain.V, domain.T, W_volume, V)
+    W = np.clip(volume_interpolation(domain.V, domain.T, W_volume, V), 0, 1)  # rounding leaves one by its last digit
     energy = biharmonic_energy(domain.V, domain.T, W_volume)
     return SolvedWeights(W, domain.V, domain.T, W_volume, energy, method, tuple(notes))
 
@@ -138,12 +139,11 @@ def check_rig_fits(V: np.ndarray, skeleton: Skeleton) -> None:
     gap = np.linalg.norm(np.maximum(np.maximum(lower - C.max(axis=0), C.min(axis=0) - upper), 0))
     if gap > REACH * size:
         raise ValueError(f"the rig lies outside the mesh: {boxes}; bring both to the same unit and frame")
-    if len(C) > 2 and extent < SMALLEST_RIG * size:
+    if 0 < extent < SMALLEST_RIG * size and len(C) > 2:
         raise ValueError(
-            f"the rig is {size / max(extent, 1e-300):.3g} times smaller than the mesh: {boxes}; "
-            "bring both to the same unit"
+            f"the rig is {size / extent:.3g} times smaller than the mesh: {boxes}; bring both to the same unit"
         )
-    if extent > size / SMALLEST_RIG:
+    if 0 < size < SMALLEST_RIG * extent:
         raise ValueError(
             f"the rig is {extent / size:.3g} times larger than the mesh: {boxes}; bring both to the same unit"
         )

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.distance import signed_distance
+from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.occupancy import occupancy
 

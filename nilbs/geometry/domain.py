@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nilbs.geometry.diagnosis import solid_defects
+from nilbs.geometry.diagnosis import enclosed_volume, solid_defects
 from nilbs.geometry.distance import closest_points
+from nilbs.geometry.facets import facet_areas
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.orientation import coherent_orientation
@@ -18,10 +19,12 @@ from nilbs.geometry.wrap import wrap, wrapping_surface
 # Weights are smooth, so a volume of some ten thousand vertices tells them; factorising grows with the square of that.
 SURFACE_LIMIT = 10_000  # vertices; a surface with more is decimated
 DECIMATED = 14_000  # facets
-RESOLUTION = 192  # cells of a wrap along its longest edge
+RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second where the first cannot be filled
 BLOCKS = 56  # cells along the longest edge of the blocks that stand in where nothing finer can be filled
 WELD = 1e-7  # of the diagonal: vertices that are nearer are one
-MARGIN = 1e-3  # of the diagonal: a point of a bone this near to the skin, or to another point, is not put in
+SMALLEST_VOLUME = 1e-16  # of the cubed diagonal
+SMALLEST_AREA = 1e-14  # of the squared diagonal: triangles with no more have none
+MARGIN = 3e-3  # of the diagonal: a point of a bone this near to the skin, or to another point, is not put in
 
 
 @dataclass(frozen=True)
@@ -65,13 +68,13 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray) -> Domain:
     Raises
     ------
     ValueError
-        If the sizes disagree, there is no triangle, or all points coincide.
+        If the sizes disagree, there is no triangle, or none has any area.
 
     Notes
     -----
     In the plane the triangles are refined as they are. In space a closed, manifold, oriented surface without crossings
     is filled by TetGen. Any other is wrapped first (see `wrap`) and the wrap is decimated; where TetGen refuses that
-    too, more and more of the wrap's triangles are kept, and at last the domain is made of blocks, which always exist.
+    too, the wrap is made coarser, and at last the domain is made of blocks, which always exist.
 
     Examples
     --------
@@ -85,17 +88,21 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray) -> Domain:
     if not len(E):
         raise ValueError("the mesh has no triangle")
     used = V[np.unique(E)]
-    center, size = (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0)))
-    if not size > 0:
-        raise ValueError("all vertices of the mesh's triangles lie in one point")
+    center, size = (used.min(axis=0) + used.max(axis=0)) / 2, float(np.linalg.norm(np.ptp(used, axis=0))) or 1.0
     # Every tolerance below is of a shape of size one around the origin.
-    surface, E = welded((V - center) / size, E)
-    points = (points - center) / size
-    if V.shape[1] == 2:
+    surface, points = (V - center) / size, (points - center) / size
+    flat = V.shape[1] == 2
+    area = element_volumes(surface, E) if flat else facet_areas(surface, E)
+    if not (np.abs(area) > SMALLEST_AREA).any():
+        raise ValueError("no triangle of the mesh has any area")
+    # In the plane all triangles turn alike, so that of two in one place one stays.
+    surface, E = welded(surface, np.where((area < 0)[:, None], E[:, [0, 2, 1]], E))
+    if flat:
         V_volume, T = conforming_triangles(surface, E, points)
-        first, notes = len(surface), []
+        first, notes = len(surface), list[str]()
     else:
-        V_volume, T, first, notes = _spatial(surface, coherent_orientation(surface, E)[0], points)
+        F, _ = coherent_orientation(surface, E)
+        V_volume, T, first, notes = _spatial(surface, F if enclosed_volume(surface, F) >= 0 else F[:, ::-1], points)
     return Domain(V_volume * size + center, T, first, tuple(notes))
 
 
@@ -116,7 +123,7 @@ def welded(V: np.ndarray, E: np.ndarray, *, tolerance: float = WELD) -> tuple[np
     V_welded : (n', d) float array
         The vertices that faces use, in their order.
     E_welded : (m', k) int array
-        Of faces over the same vertices the first stays; two that face opposite ways enclose nothing, and both go.
+        Of faces over the same vertices the first stays.
 
     Examples
     --------
@@ -135,21 +142,11 @@ def welded(V: np.ndarray, E: np.ndarray, *, tolerance: float = WELD) -> tuple[np
     E = new[E]
     ordered = np.sort(E, axis=1)
     E, ordered = (a[(np.diff(ordered, axis=1) > 0).all(axis=1)] for a in (E, ordered))
-    _, index, group = np.unique(ordered, axis=0, return_index=True, return_inverse=True)
-    turns = np.where(_is_even(E), 1, -1)
-    total = np.bincount(group.ravel(), weights=turns, minlength=len(index))
-    single = np.bincount(group.ravel(), minlength=len(index)) == 1
-    E = E[np.sort(index[single | (total != 0)])]
+    E = E[np.sort(np.unique(ordered, axis=0, return_index=True)[1])]
     left = np.unique(E)
     compact = np.zeros(len(first), dtype=np.int64)
     compact[left] = np.arange(len(left))
     return V[used[first[order]]][left], compact[E]
-
-
-def _is_even(E: np.ndarray) -> np.ndarray:
-    """Whether rows are even permutations of their sorted selves."""
-    swaps = sum((E[:, i] > E[:, j]).astype(int) for i in range(E.shape[1]) for j in range(i + 1, E.shape[1]))
-    return np.asarray(swaps) % 2 == 0
 
 
 def _spatial(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, list[str]]:
@@ -163,6 +160,8 @@ def _spatial(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
             V_volume, T = conforming_tetrahedra(V_closed, F_closed, inner)
         except ValueError:
             continue
+        if not element_volumes(V_volume, T).min(initial=1) > SMALLEST_VOLUME:
+            continue  # slivers, on which nothing can be solved
         return V_volume, T, len(V_closed), notes
     grid, levels = wrap(V, F, resolution=BLOCKS)
     V_volume, T = blocks(grid, levels)
@@ -176,17 +175,16 @@ def _closed_surfaces(V: np.ndarray, F: np.ndarray) -> Iterator[tuple[np.ndarray,
 
     defects = solid_defects(V, F)
     if not defects:
-        if len(V) <= SURFACE_LIMIT:
-            yield V, F, []
-        said = [f"the surface has {len(V)} vertices: weights are solved on one with {DECIMATED} triangles"]
-        yield *decimated(V, F, DECIMATED), said if len(V) > SURFACE_LIMIT else []
-        defects = ["its triangles could not be filled"]
-    said = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
-    V_wrap, F_wrap = wrapping_surface(V, F, resolution=RESOLUTION)
-    for facets in (DECIMATED, 2 * DECIMATED):
-        yield *decimated(V_wrap, F_wrap, facets), said
         said = []
-    yield *wrapping_surface(V, F, resolution=RESOLUTION // 3), ["a coarser wrap was needed"]
+        if len(V) > SURFACE_LIMIT:
+            V, F = decimated(V, F, DECIMATED)
+            said = [f"the surface is large: weights are solved inside one with {len(F)} triangles"]
+        yield V, F, said
+        defects = ["it could not be filled"]
+    said = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
+    for resolution in RESOLUTIONS:
+        yield *decimated(*wrapping_surface(V, F, resolution=resolution), DECIMATED), said
+        said = ["a coarser wrap was needed"]
 
 
 def _well_inside(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Tetrahedra that fill a closed surface and hold the bones, by TetGen (AGPL, inside libigl's copyleft module)."""
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import chdir, contextmanager
 from tempfile import TemporaryDirectory
@@ -11,7 +12,9 @@ from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import element_volumes
 
 
-def conforming_tetrahedra(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def conforming_tetrahedra(
+    V: np.ndarray, F: np.ndarray, points: np.ndarray, *, spacing: float = 0.03
+) -> tuple[np.ndarray, np.ndarray]:
     """Fill a closed surface with tetrahedra that have vertices at given points.
 
     Parameters
@@ -22,6 +25,8 @@ def conforming_tetrahedra(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> t
         Triangles of a closed surface without self-intersections.
     points : (s, 3) float array
         Places inside, apart from each other, that become vertices.
+    spacing : float
+        Edge of the largest regular tetrahedron, as a fraction of the bounding box's diagonal.
 
     Returns
     -------
@@ -37,7 +42,7 @@ def conforming_tetrahedra(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> t
 
     Notes
     -----
-    TetGen [1]_ with flags pq2Y: quality tetrahedra, the surface's triangles kept as they are.
+    TetGen [1]_ with flags pqaY: quality tetrahedra of bounded volume, the surface's triangles kept as they are.
 
     References
     ----------
@@ -62,13 +67,15 @@ def conforming_tetrahedra(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> t
     center = (V.min(axis=0) + V.max(axis=0)) / 2
     given = (np.concatenate([V, points]) - center) / size
     try:
-        # Where TetGen gives up it leaves files in the working folder and writes past Python to standard error.
-        with TemporaryDirectory() as folder, chdir(folder), _silent_stderr():
-            V_volume, T = tetgen.tetrahedralize(given, F, flags="pq2YQ")[:2]
+        # Where TetGen gives up it leaves files in the working folder and writes past Python to the terminal.
+        with TemporaryDirectory() as folder, chdir(folder), _silence():
+            V_volume, T = tetgen.tetrahedralize(given, F, flags=f"pq1.414a{spacing**3 / 72**0.5:.6g}YQ")[:2]
     except RuntimeError as error:
         raise ValueError(
             f"TetGen could not fill the surface with tetrahedra ({error}): it must be closed and must not cross itself"
         ) from None
+    if not len(T):
+        raise ValueError("TetGen found no volume inside the surface")
     V_volume = V_volume * size + center
     V_volume[: len(V)] = V
     T = T.astype(np.int64)
@@ -77,13 +84,16 @@ def conforming_tetrahedra(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> t
 
 
 @contextmanager
-def _silent_stderr() -> Iterator[None]:
-    kept = os.dup(2)
+def _silence() -> Iterator[None]:
+    sys.stdout.flush()
+    kept = [os.dup(stream) for stream in (1, 2)]
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 2)
+        for stream in (1, 2):
+            os.dup2(nowhere, stream)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        for stream, copy in zip((1, 2), kept, strict=True):
+            os.dup2(copy, stream)
+            os.close(copy)
         os.close(nowhere)
