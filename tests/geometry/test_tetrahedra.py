@@ -1,7 +1,9 @@
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from igl.copyleft import tetgen
 
 from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 from nilbs.geometry.grids import Grid
@@ -80,6 +82,32 @@ def test_a_surface_that_crosses_itself_is_refused(tmp_path: Path, monkeypatch: p
     with pytest.raises(ValueError, match=r"^TetGen could not fill the surface with tetrahedra \(.*\): it must"):
         conforming_tetrahedra(V, F, POINTS)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_surface_in_which_tetgen_finds_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tetgen, "tetrahedralize", lambda V, F, flags: (V, np.zeros((0, 4), dtype=np.int64)))
+    with pytest.raises(ValueError, match=r"^TetGen found no volume inside the surface$"):
+        conforming_tetrahedra(CUBE, CUBE_F, POINTS)
+
+
+@pytest.mark.parametrize("spacing", [0.2, 0.1, 0.06])
+def test_tetrahedra_inside_are_as_large_as_the_spacing_asks_for(spacing: float) -> None:
+    grid = Grid.cube(np.array([[-1.0] * 3, [1.0] * 3]), 16)
+    V, F = isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
+    V2, T = conforming_tetrahedra(V, F, NO_POINTS, spacing=spacing)
+    # A regular tetrahedron of edge a has the volume a^3 / sqrt(72).
+    largest = (spacing * np.linalg.norm(np.ptp(V, axis=0))) ** 3 / 72**0.5
+    inside = (len(V) <= T).all(axis=1)
+    assert 0.4 * largest < np.quantile(element_volumes(V2, T[inside]), 0.99) <= largest
+
+
+def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    conforming_tetrahedra(CUBE, CUBE_F, POINTS)
+    with pytest.raises(ValueError, match="must be closed"):
+        conforming_tetrahedra(CUBE, CUBE_F[2:], POINTS)
+    os.write(1, b"out")
+    os.write(2, b"err")
+    assert capfd.readouterr() == ("out", "err")
 
 
 def test_nothing_to_fill_is_refused() -> None:
