@@ -13,7 +13,7 @@ from nilbs.geometry.volume import element_volumes
 
 
 def conforming_tetrahedra(
-    V: np.ndarray, F: np.ndarray, points: np.ndarray, *, spacing: float = 0.03
+    V: np.ndarray, F: np.ndarray, points: np.ndarray, *, spacing: float = 0.023
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fill a closed surface with tetrahedra that have vertices at given points.
 
@@ -60,12 +60,13 @@ def conforming_tetrahedra(
 
     V, F, points = arrays(V=(V, "n 3"), F=(F, "m 3", int), points=(points, "s 3"))
     check_indices("F", F, len(V), "vertices")
-    # TetGen's tolerances are absolute, so it is given a copy of the size one around the origin.
+    # TetGen's tolerances are absolute, so it is given a copy of the size one around the origin; rounded, so that the same
+    # mesh in another unit gives the same elements.
     size = float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
     if not size > 0 or not len(F):
         raise ValueError("the surface has no extent, so there is nothing to fill with tetrahedra")
     center = (V.min(axis=0) + V.max(axis=0)) / 2
-    given = (np.concatenate([V, points]) - center) / size
+    given = np.round((np.concatenate([V, points]) - center) / size, 9)
     try:
         # Where TetGen gives up it leaves files in the working folder and writes past Python to the terminal.
         with TemporaryDirectory() as folder, chdir(folder), _silence():
