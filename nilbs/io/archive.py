@@ -11,6 +11,7 @@ import numpy as np
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
+from nilbs.io.strict_json import parse_json
 
 KINDS = {np.dtype(kind) for kind in ("float32", "float64", "int64", "bool")}
 
@@ -105,9 +106,12 @@ def read_archive(path: str | Path, *, kind: str) -> tuple[dict[str, np.ndarray],
     if metadata.get("digest") != _digest(arrays, kind, text):
         raise FileFormatError(path, "is damaged: its digest does not match its content")
     try:
-        return arrays, dict(json.loads(text))
-    except (ValueError, TypeError, RecursionError):
-        raise FileFormatError(path, "is damaged: its settings are no JSON object") from None
+        settings = parse_json(text)
+    except (ValueError, RecursionError):
+        settings = None
+    if not isinstance(settings, dict):
+        raise FileFormatError(path, "is damaged: its settings are no JSON object")
+    return arrays, settings
 
 
 def _digest(arrays: Mapping[str, np.ndarray], kind: str, text: str) -> str:

@@ -23,8 +23,8 @@ def file_bytes(path: str | os.PathLike) -> bytes:
     OSError
         If it cannot be opened or read.
     """
-    with _opened(path) as file:
-        return file.read(SIZE_LIMIT)
+    with _opened(path) as (file, size):
+        return file.read(size)  # not up to the limit: Python would make room for all of that
 
 
 def line_blocks(path: str | os.PathLike) -> Iterator[tuple[int, list[bytes]]]:
@@ -45,7 +45,7 @@ def line_blocks(path: str | os.PathLike) -> Iterator[tuple[int, list[bytes]]]:
         If it cannot be opened or read.
     """
     first = 1
-    with _opened(path) as file:
+    with _opened(path) as (file, _):
         while lines := file.readlines(_BLOCK):
             for number, line in enumerate(lines, first):
                 if len(line) > LINE_LIMIT or b"\0" in line:
@@ -55,7 +55,8 @@ def line_blocks(path: str | os.PathLike) -> Iterator[tuple[int, list[bytes]]]:
 
 
 @contextmanager
-def _opened(path: str | os.PathLike) -> Iterator[BinaryIO]:
+def _opened(path: str | os.PathLike) -> Iterator[tuple[BinaryIO, int]]:
+    """The file, and its size in bytes."""
     # Asked before opening: to open a named pipe would wait for ever.
     if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
         raise FileFormatError(path, "this is not a regular file")
@@ -65,4 +66,4 @@ def _opened(path: str | os.PathLike) -> Iterator[BinaryIO]:
             raise FileFormatError(path, f"the file is larger than {SIZE_LIMIT >> 30} GiB")
         if size == 0:
             raise FileFormatError(path, "the file is empty")
-        yield file
+        yield file, size

@@ -3,6 +3,8 @@
 import os
 from pathlib import Path
 
+from nilbs.io.names import printable
+
 
 class FileFormatError(ValueError):
     """A file that cannot be read as what it claims to be.
@@ -25,7 +27,7 @@ class FileFormatError(ValueError):
     def __init__(self, path: str | os.PathLike, message: str, line: int | None = None) -> None:
         super().__init__(path, message, line)  # as received, so that the error can be pickled
         self.path = os.fspath(path)
-        self.message = message
+        self.message = printable(message)  # whatever it quotes stays on one line
         self.line = line
 
     def __str__(self) -> str:

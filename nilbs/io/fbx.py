@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
 from nilbs.io.gltf import read_gltf
-from nilbs.io.gltf_document import printable
+from nilbs.io.names import printable
 from nilbs.io.parts import Parts
 
 _SECONDS = 600  # that Blender may take

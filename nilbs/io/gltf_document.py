@@ -12,6 +12,7 @@ import numpy as np
 
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError, check_suffix
+from nilbs.io.names import printable
 
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -82,8 +83,8 @@ class Document:
                 raise self.error(f"it requires the extension {name[:80]}, which is not read: export it without")
 
     def error(self, message: str) -> FileFormatError:
-        """The error that says this of the file; whatever it quotes stays on one line."""
-        return FileFormatError(self.path, printable(message))
+        """The error that says this of the file."""
+        return FileFormatError(self.path, message)
 
     def entries(self, kind: str) -> list[dict[str, Any]]:
         """The objects of a list at the top level, such as "nodes"; none where there is no such list."""
@@ -322,17 +323,6 @@ class Document:
         if not isinstance(value, dict):
             raise self.error(f"{where} must be an object")
         return value
-
-
-def printable(text: str) -> str:
-    r"""A text without line ends, control characters and other signs that cannot be shown.
-
-    Examples
-    --------
-    >>> printable("left\nhand")
-    'left?hand'
-    """
-    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _is_number(value: object) -> bool:

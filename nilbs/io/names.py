@@ -15,6 +15,17 @@ def text_of(word: bytes) -> str:
     return word.decode("utf-8", "replace")
 
 
+def printable(text: str) -> str:
+    r"""A text without line ends, control characters and other signs that cannot be shown.
+
+    Examples
+    --------
+    >>> printable("left\nhand")
+    'left?hand'
+    """
+    return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
+
+
 def unique_names(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names, each different: one that is used again gets a number.
 

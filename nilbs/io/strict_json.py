@@ -38,7 +38,7 @@ def read_json(path: str | os.PathLike) -> object:
     """
     data = file_bytes(path)
     try:
-        return json.loads(data.decode("utf-8-sig"), object_pairs_hook=_object, parse_constant=_constant)
+        return parse_json(data.decode("utf-8-sig"))
     except json.JSONDecodeError as error:
         raise FileFormatError(path, f"this is no JSON: {error.msg}", error.lineno) from None
     except RecursionError:
@@ -46,6 +46,27 @@ def read_json(path: str | os.PathLike) -> object:
     # Bytes that are no text, names given twice, NaN, and whole numbers of thousands of digits.
     except ValueError as error:
         raise FileFormatError(path, f"this JSON cannot be used: {str(error)[:120]}") from None
+
+
+def parse_json(text: str) -> object:
+    """What a text of JSON says, as `read_json` has it.
+
+    Raises
+    ------
+    ValueError
+        Or `json.JSONDecodeError`, which is one, if the text is no JSON or cannot be used.
+    RecursionError
+        If it is nested too deep.
+
+    Examples
+    --------
+    >>> parse_json("[1, null]")
+    [1, None]
+    """
+    value = json.loads(text, object_pairs_hook=_object, parse_constant=_constant)
+    if "\\u" in text:  # an escape can be half of a pair of code units, which no file and no terminal takes
+        json.dumps(value, ensure_ascii=False).encode()
+    return value
 
 
 def finite_vector(value: object, *sizes: int) -> list[float] | None:

@@ -88,7 +88,7 @@ def test_settings_that_are_no_json_are_refused_although_their_digest_is_right(tm
 
     from nilbs.io.archive import _digest
 
-    for text in ("[", "[" * 100_000, json.dumps([1])):
+    for text in ("[", "[" * 100_000, json.dumps([["a", 1]]), r'{"\ud800": 1}'):
         metadata = {"kind": KIND, "settings": text, "digest": _digest({}, KIND, text)}
         (tmp_path / "a.bin").write_bytes(save({}, metadata))
         with pytest.raises(FileFormatError, match=r"a\.bin: "):
