@@ -100,7 +100,7 @@ def _in_space(V: np.ndarray) -> np.ndarray:
     """Vertices in three dimensions, small enough that no difference overflows."""
     xyz = np.zeros((len(V), 3))
     xyz[:, : V.shape[1]] = V
-    return xyz / (4 * np.abs(xyz).max() or 1.0)
+    return xyz / (np.abs(xyz).max() or 1.0) / 4
 
 
 def _sides(V: np.ndarray, F: np.ndarray) -> np.ndarray:
