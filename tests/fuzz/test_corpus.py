@@ -1,0 +1,33 @@
+"""The kept files are read or refused, and so are all that a few changes make of them."""
+
+from random import Random
+
+import pytest
+
+from .readers import CORPUS, READERS, corpus, read_or_refused
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_kept_files_are_read_or_refused(name, tmp_path):
+    read = [read_or_refused(name, file.read_bytes(), tmp_path) for file in corpus(name)]
+    assert any(read)
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_changed_files_are_read_or_refused(name, tmp_path):
+    read = 0
+    rng = Random(7)
+
+    def mutate(part: bytes) -> bytes:
+        at = rng.randrange(len(part) + 1)
+        return part[:at] + rng.randbytes(rng.randrange(3)) + part[at + rng.randrange(4) :]
+
+    for file in corpus(name):
+        content = file.read_bytes()
+        for _ in range(20):
+            read += read_or_refused(name, READERS[name].mutate(content, rng, mutate), tmp_path)
+    assert read, "no change keeps the form"
+
+
+def test_every_folder_of_the_corpus_is_of_a_reader():
+    assert sorted(folder.name for folder in CORPUS.iterdir()) == sorted(READERS)
