@@ -195,7 +195,12 @@ def _solved_by_parts(
     )
     _, part = connected_components(graph, directed=False)
     loose = ~np.isin(part, part[known.fixed])
-    W = bounded_biharmonic_weights(V, T[~loose[T[:, 0]]], known.fixed, known.W_fixed, method=method, progress=progress)
+    # A bone that holds nothing has no weight, exactly.
+    holds = known.W_fixed.any(axis=0)
+    W = np.zeros((len(V), len(holds)))
+    W[:, holds] = bounded_biharmonic_weights(
+        V, T[~loose[T[:, 0]]], known.fixed, known.W_fixed[:, holds], method=method, progress=progress
+    )
     near = ~np.isin(bone, known.away)
     distance, nearest = cKDTree(x[near]).query(V[loose])
     followed = []

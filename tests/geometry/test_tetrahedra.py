@@ -90,7 +90,7 @@ def test_a_surface_in_which_tetgen_finds_nothing_is_refused(monkeypatch: pytest.
         conforming_tetrahedra(CUBE, CUBE_F, POINTS)
 
 
-@pytest.mark.parametrize("spacing", [0.2, 0.1, 0.06])
+@pytest.mark.parametrize("spacing", [0.1, 0.06])
 def test_tetrahedra_inside_are_as_large_as_the_spacing_asks_for(spacing: float) -> None:
     grid = Grid.cube(np.array([[-1.0] * 3, [1.0] * 3]), 16)
     V, F = isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
