@@ -105,7 +105,9 @@ def solve_weights(
         raise ValueError(f"no bone lies within {reach:g} diagonals of the mesh: is the rig in the same unit and frame?")
     W_volume, lonely = _solved_by_parts(domain.V, domain.T, known, x, bone, method, progress)
     if len(lonely):
-        notes.append(f"{len(lonely)} parts of the mesh that no bone enters follow {described(lonely, skeleton.names)}")
+        notes.append(
+            f"parts of the mesh that no bone enters ({len(lonely)}) follow {described(lonely, skeleton.names)}"
+        )
     W = np.clip(volume_interpolation(domain.V, domain.T, W_volume, V), 0, 1)  # rounding leaves one by its last digit
     energy = biharmonic_energy(domain.V, domain.T, W_volume)
     return SolvedWeights(W, domain.V, domain.T, W_volume, energy, method, tuple(notes))
@@ -168,20 +170,18 @@ def _told(known: BoneConditions, skeleton: Skeleton) -> list[str]:
     names, notes = skeleton.names, []
     if len(known.outside):
         notes.append(
-            f"{len(known.outside)} bones have no place inside and hold the nearest one: "
+            f"bones without a place inside hold the nearest one ({len(known.outside)}): "
             f"{described(known.outside, names)}"
         )
     if len(known.away):
-        notes.append(f"{len(known.away)} bones lie far from the mesh and move nothing: {described(known.away, names)}")
+        notes.append(f"bones far from the mesh move nothing ({len(known.away)}): {described(known.away, names)}")
     # Bones that hold the same vertices.
     holds = known.W_fixed > 0
     pattern, index = np.unique(holds.T, axis=0, return_inverse=True)
     index, count = index.ravel(), np.bincount(index.ravel(), minlength=len(pattern))
     together = [bone for bone in range(len(names)) if count[index[bone]] > 1 and pattern[index[bone]].any()]
     if together:
-        notes.append(
-            f"{len(together)} bones lie on top of others and share their weights: {described(together, names)}"
-        )
+        notes.append(f"bones on top of each other share their weights ({len(together)}): {described(together, names)}")
     return notes
 
 
@@ -196,8 +196,8 @@ def _solved_by_parts(
     _, part = connected_components(graph, directed=False)
     loose = ~np.isin(part, part[known.fixed])
     # A bone that holds nothing has no weight, exactly.
-    holds = known.W_fixed.any(axis=0)
-    W = np.zeros((len(V), len(holds)))
+    holds = np.any(known.W_fixed > 0, axis=0)
+    W = np.zeros((len(V), known.W_fixed.shape[1]))
     W[:, holds] = bounded_biharmonic_weights(
         V, T[~loose[T[:, 0]]], known.fixed, known.W_fixed[:, holds], method=method, progress=progress
     )

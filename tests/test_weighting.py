@@ -102,7 +102,7 @@ def test_bones_in_another_order_have_the_same_weights(d: int) -> None:
 @DIMENSIONS
 def test_bones_in_one_place_share_what_one_would_have(d: int) -> None:
     twice = solved(*limb(d), rig(d, JOINTS, [[0, 1], [1, 2], [2, 3], [1, 2], [2, 1]], [-1, 0, 1, 0, 0]))
-    assert twice.notes == ("3 bones lie on top of others and share their weights: b, d, e",)
+    assert twice.notes == ("bones on top of each other share their weights (3): b, d, e",)
     np.testing.assert_allclose(twice.W[:, 3], twice.W[:, 1], atol=0.01)
     np.testing.assert_allclose(twice.W[:, 4], twice.W[:, 1], atol=0.01)
     together = np.stack([twice.W[:, 0], twice.W[:, [1, 3, 4]].sum(axis=1), twice.W[:, 2]], axis=1)
@@ -137,7 +137,7 @@ def test_a_bone_outside_holds_the_nearest_place_and_is_told(d: int) -> None:
     V, E = limb(d)
     C = np.concatenate([JOINTS, [[0.3, 0.3, 0], [0.5, 0.3, 0]]])
     found = solved(V, E, rig(d, C, [[0, 1], [1, 2], [2, 3], [4, 5]], [-1, 0, 1, -1]))
-    assert found.notes == ("1 bones have no place inside and hold the nearest one: d",)
+    assert found.notes == ("bones without a place inside hold the nearest one (1): d",)
     near = np.linalg.norm(V - np.array([0.4, 0.25, 0])[:d], axis=1) < 0.06
     assert near.any()
     assert found.W[near, 3].min() > 0.5
@@ -149,7 +149,7 @@ def test_a_bone_far_away_moves_nothing_and_is_told(d: int) -> None:
     C = np.concatenate([JOINTS, [[0.3, 0.9, 0], [0.5, 0.9, 0]]])
     four = rig(d, C, [[0, 1], [1, 2], [2, 3], [4, 5]], [-1, 0, 1, -1])
     found = solved(*limb(d), four)
-    assert found.notes == ("1 bones lie far from the mesh and move nothing: d",)
+    assert found.notes == ("bones far from the mesh move nothing (1): d",)
     np.testing.assert_array_equal(found.W[:, 3], 0)
     assert difference(found.W[:, :3], plain(d).W) < 1e-6
     # With a longer reach it holds the nearest place.
@@ -171,7 +171,7 @@ def test_a_part_that_no_bone_enters_follows_the_nearest_bone_and_that_is_told(d:
     n, shift = len(V), np.array([0.9, 0.45, 0])[:d]
     both = np.concatenate([V, 0.3 * V + shift])
     found = solved(both, np.concatenate([E, E + n]), rig(d))
-    assert found.notes == ("1 parts of the mesh that no bone enters follow c",)
+    assert found.notes == ("parts of the mesh that no bone enters (1) follow c",)
     np.testing.assert_allclose(found.W[n:], np.eye(3)[[2] * n], atol=1e-12)
     assert found.W[:n].min(axis=1).max() < 0.34
     assert difference(found.W[:n], plain(d).W) < 0.02

@@ -18,7 +18,8 @@ from nilbs.geometry.wrap import wrap, wrapping_surface
 
 # Weights are smooth, so a volume of some ten thousand vertices tells them; factorising grows with the square of that.
 SURFACE_LIMIT = 10_000  # vertices; a surface with more is decimated
-DECIMATED = 14_000  # facets
+DECIMATED = 10_000  # facets
+LONGEST_EDGE = 0.05  # of the diagonal; a surface of few triangles with longer edges is refined
 RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second where the first cannot be filled
 BLOCKS = 56  # cells along the longest edge of the blocks that stand in where nothing finer can be filled
 WELD = 1e-7  # of the diagonal: vertices that are nearer are one
@@ -95,14 +96,19 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray) -> Domain:
     area = element_volumes(surface, E) if flat else facet_areas(surface, E)
     if not (np.abs(area) > SMALLEST_AREA).any():
         raise ValueError("no triangle of the mesh has any area")
+    notes = []
     # In the plane all triangles turn alike, so that of two in one place one stays.
-    surface, E = welded(surface, np.where((area < 0)[:, None], E[:, [0, 2, 1]], E))
+    surface, E_welded = welded(surface, np.where((area < 0)[:, None], E[:, [0, 2, 1]], E))
+    if len(E_welded) < len(E):
+        notes.append(f"{len(E) - len(E_welded)} triangles were collapsed or repeated others, and do not count")
+    E = E_welded
     if flat:
         V_volume, T = conforming_triangles(surface, E, points)
-        first, notes = len(surface), list[str]()
+        first = len(surface)
     else:
         F, _ = coherent_orientation(surface, E)
-        V_volume, T, first, notes = _spatial(surface, F if enclosed_volume(surface, F) >= 0 else F[:, ::-1], points)
+        V_volume, T, first, said = _spatial(surface, F if enclosed_volume(surface, F) >= 0 else F[:, ::-1], points)
+        notes += said
     return Domain(V_volume * size + center, T, first, tuple(notes))
 
 
@@ -179,12 +185,21 @@ def _closed_surfaces(V: np.ndarray, F: np.ndarray) -> Iterator[tuple[np.ndarray,
         if len(V) > SURFACE_LIMIT:
             V, F = decimated(V, F, DECIMATED)
             said = [f"the surface is large: weights are solved inside one with {len(F)} triangles"]
-        yield V, F, said
+        yield *_refined(V, F), said
         defects = ["it could not be filled"]
     said = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
     for resolution in RESOLUTIONS:
         yield *decimated(*wrapping_surface(V, F, resolution=resolution), DECIMATED), said
         said = ["a coarser wrap was needed"]
+
+
+def _refined(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A surface of few large triangles in more of them: elements behind a large triangle are large themselves."""
+    import igl
+
+    while len(F) < DECIMATED / 8 and np.linalg.norm(V[F] - V[np.roll(F, 1, axis=1)], axis=2).max() > LONGEST_EDGE:
+        V, F = igl.upsample(V, F, 1)
+    return V, F.astype(np.int64)
 
 
 def _well_inside(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> np.ndarray:

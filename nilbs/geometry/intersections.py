@@ -110,7 +110,7 @@ def t_junctions(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
     for i, j in overlapping_boxes(lower - near, upper + near):
         i, j = np.minimum(i, j), np.maximum(i, j)
         mixed = (i < len(edges)) & (j >= len(edges))
-        x, start, end = ends[j[mixed] - len(edges)], *edges[i[mixed]].T
+        x, (start, end) = ends[j[mixed] - len(edges)], edges[i[mixed]].T
         along = V[end] - V[start]
         s = _dot(V[x] - V[start], along) / np.maximum(_dot(along, along), 1e-300)
         away = np.linalg.norm(V[x] - V[start] - np.clip(s, 0, 1)[:, None] * along, axis=1)

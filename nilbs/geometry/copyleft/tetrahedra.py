@@ -60,8 +60,8 @@ def conforming_tetrahedra(
 
     V, F, points = arrays(V=(V, "n 3"), F=(F, "m 3", int), points=(points, "s 3"))
     check_indices("F", F, len(V), "vertices")
-    # TetGen's tolerances are absolute, so it is given a copy of the size one around the origin; rounded, so that the same
-    # mesh in another unit gives the same elements.
+    # TetGen's tolerances are absolute, so it is given a copy of the size one around the origin; rounded, so that the
+    # same mesh in another unit gives the same elements.
     size = float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
     if not size > 0 or not len(F):
         raise ValueError("the surface has no extent, so there is nothing to fill with tetrahedra")
