@@ -108,6 +108,7 @@ def read_rig(file: Document, nodes: Nodes) -> Rig:
             holder = bone.get(int(above[root]))
             frame = nodes.world[root] if holder is None else rest[holder] @ relative[root]
         M = frame @ bind[anchor]
+        known = len(rest)
         M_inverse = _inverses(file, M[None], f"skin {i}: the place of its root joint")[0]
         for k, joint in enumerate(joints):
             if joint not in bone:
@@ -119,7 +120,7 @@ def read_rig(file: Document, nodes: Nodes) -> Rig:
         agree = bool(np.abs(place - M).max() <= _CLOSE * np.abs(M).max())
         if not agree:
             notes.append(f"skin {i} was bound in another pose than the skins before; its vertices are posed to fit")
-        if not max(np.abs(m).max() for m in (place, *rest, *inverse)) < LARGEST:
+        if not max(np.abs(m).max() for m in (place, *rest[known:], *inverse[known:])) < LARGEST:
             raise file.error(f"skin {i}: the frame of a joint is out of bounds")
         skins.append(Skin(bones, place, agree))
     R, R_inverse = (np.array(frames).reshape(-1, 4, 4) for frames in (rest, inverse))
