@@ -6,6 +6,7 @@ PYTHONPATH=tests python -m broken [NAME ...] [--seed N] [--seconds 60]
 import argparse
 import multiprocessing
 import resource
+import signal
 import sys
 from multiprocessing.connection import Connection
 
@@ -14,7 +15,8 @@ from .case import KINDS
 from .verdict import verdict
 
 
-def _judge(name: str, seed: int, answer: Connection) -> None:
+def _judge(name: str, seed: int, seconds: int, answer: Connection) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     try:
         found = verdict(KINDS[name], seed)
         lines = found.problems
@@ -32,27 +34,26 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="broken", description=__doc__.splitlines()[0])
     parser.add_argument("names", nargs="*", help="kinds, or beginnings of their names; all of them by default")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=60, help="after which a kind is given up")
+    parser.add_argument(
+        "--seconds", type=int, default=60, help="of the processor's time, after which a kind is given up"
+    )
     given = parser.parse_args()
     chosen = [name for name in KINDS if not given.names or name.startswith(tuple(given.names))]
     failed = 0
     print(f"{'kind':40} {'outcome':10} {'s':>5} {'GB':>5} {'row sums':>8}  notes and problems")
     for name in chosen:
         receiving, sending = multiprocessing.Pipe(duplex=False)
-        process = multiprocessing.Process(target=_judge, args=(name, given.seed, sending))
+        process = multiprocessing.Process(target=_judge, args=(name, given.seed, given.seconds, sending))
         process.start()
         sending.close()
         try:
-            answer = receiving.recv() if receiving.poll(given.seconds) else None
-        except EOFError:
-            answer = None
-        if answer is None:
-            hung = process.is_alive()
-            process.kill()
+            answer = receiving.recv()
             process.join()
-            why = f"not done in {given.seconds:g} s" if hung else f"the process died (exit code {process.exitcode})"
-            answer = ("none", given.seconds, (), 0.0, (why,), 0.0)
-        process.join()
+        except EOFError:
+            process.join()
+            late = process.exitcode in (-signal.SIGXCPU, -signal.SIGKILL)
+            why = f"not done in {given.seconds} s" if late else f"the process died (exit code {process.exitcode})"
+            answer = ("none", float(given.seconds), (), 0.0, (why,), 0.0)
         outcome, seconds, notes, row_error, problems, memory = answer
         failed += bool(problems)
         word = outcome if outcome in ("weights", "none") else "error"
