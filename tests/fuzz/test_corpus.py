@@ -1,8 +1,12 @@
 """The kept files are read or refused, and so are all that a few changes make of them."""
 
+from dataclasses import replace
 from random import Random
 
+import numpy as np
 import pytest
+
+from nilbs.io.parts import Mesh, Parts
 
 from .readers import CORPUS, READERS, corpus, read_or_refused
 
@@ -27,6 +31,26 @@ def test_changed_files_are_read_or_refused(name, tmp_path):
         for _ in range(20):
             read += read_or_refused(name, READERS[name].mutate(content, rng, mutate), tmp_path)
     assert read, "no change keeps the form"
+
+
+def _raise(error):
+    raise error
+
+
+ANSWERS = {
+    "not a number": lambda path: np.array([np.nan]),
+    "no face": lambda path: Parts(Mesh(np.eye(3), np.array([[0, 1, 3]]))),
+    "no text": lambda path: ["\ud800"],
+    "another error": lambda path: _raise(KeyError("x")),
+    "a warning": lambda path: np.float64(1e308) * 10,
+}
+
+
+@pytest.mark.parametrize("what", ANSWERS)
+def test_anything_else_is_a_finding(what, tmp_path, monkeypatch):
+    monkeypatch.setitem(READERS, "obj", replace(READERS["obj"], read=ANSWERS[what]))
+    with pytest.raises((AssertionError, UnicodeError, KeyError, RuntimeWarning)):
+        read_or_refused("obj", b"", tmp_path)
 
 
 def test_every_folder_of_the_corpus_is_of_a_reader():
