@@ -106,7 +106,7 @@ def npy(data: bytes, rng: Random, mutate: Bytes) -> bytes:
     if choice == 0:
         return mutate(data)
     if choice == 1:
-        start, end = 10, data.index(b"\n") + 1
+        start, end = 10, data.find(b"\n", 10) + 1 or len(data)
         header = words(data[start:end].replace(b"(", b"( ").replace(b",", b" ,"), rng, mutate)
         return data[:8] + struct.pack("<H", len(header) & 0xFFFF) + header + data[end:]
     with np.errstate(all="ignore"):
