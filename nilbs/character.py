@@ -1,6 +1,5 @@
 """A rigged character: its surface, its skeleton, its skinning weights and the volume that they are known in."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,14 +7,14 @@ import numpy as np
 from nilbs.geometry.domain import volume_domain
 from nilbs.geometry.interpolation import surface_interpolation, volume_interpolation
 from nilbs.geometry.orientation import coherent_orientation
+from nilbs.geometry.simplex import weights_on_simplex
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import boundary_facets, element_volumes
 from nilbs.geometry.weights import extend_weights
+from nilbs.report import Report, silent
 from nilbs.weighting import solve_weights
-
-Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ def assemble(
     skeleton : Skeleton
         In space, or in the plane for a flat mesh, which also takes the flat skeleton of a file (z = 0).
     W : (n, b) float array, optional
-        Weights of V; rows that do not sum to one are normalised, and that is reported.
+        Weights of V, put on the simplex by `nilbs.geometry.simplex.weights_on_simplex`; what changes is reported.
     name : str
         What pictures and tables call it.
     progress : bool
@@ -133,7 +132,7 @@ def assemble(
     Facets that face against their neighbours are turned, so that the winding number tells inside from outside.
     Otherwise the surface stays as it is: skinning and occupancy are always those of the given mesh.
     """
-    report = report or (lambda line: None)
+    report = report or silent
     V, E = arrays(V=(V, "n d"), E=(E, "m 3", int))
     skeleton = in_dimension(skeleton, V.shape[1])
     F = _boundary(V, E)
@@ -146,7 +145,11 @@ def assemble(
             report(note)
         W, V_volume, T, W_volume = solved.W, solved.V_volume, solved.T, solved.W_volume
     else:
-        W = normalized(W, len(V), len(skeleton.BE), report)
+        (W,) = arrays(W=(W, "n b"))
+        check_sizes(W, len(V), len(skeleton.BE))
+        W, notes = weights_on_simplex(W, V)
+        for note in notes:
+            report(note)
         domain = volume_domain(V, F if V.shape[1] == 3 else E, np.zeros((0, V.shape[1])))
         V_volume, T = domain.V, domain.T
         if V.shape[1] == 2:
@@ -184,41 +187,33 @@ def in_dimension(skeleton: Skeleton, d: int) -> Skeleton:
     return Skeleton(C[:, :2].copy(), skeleton.BE, skeleton.P, skeleton.names, skeleton.forks)
 
 
-def normalized(W: np.ndarray, n: int, b: int, report: Report) -> np.ndarray:
-    """Given weights with rows on the simplex.
+def check_sizes(W: np.ndarray, n: int, b: int, *, group: int | None = None) -> None:
+    """Refuse weights that belong to another mesh or rig.
 
     Parameters
     ----------
-    W : (n, b) float array
-        Any weights.
+    W : float array
+        A matrix.
     n, b : int
         How many vertices and bones there are.
-    report : function of str
-        Receives a line if weights were changed by more than rounding.
-
-    Returns
-    -------
-    W : (n, b) float array
+    group : int, optional
+        How many vertices are in the group that is taken, whose weights will do too.
 
     Raises
     ------
     ValueError
-        If the sizes disagree or a vertex has no positive weight.
+        If W is neither (n, b) nor (group, b).
+
+    Examples
+    --------
+    >>> check_sizes(np.ones((3, 2)), 5, 2, group=3)
     """
-    (W,) = arrays(W=(W, "n b"))
-    if W.shape != (n, b):
+    if W.shape not in ((n, b), (group, b)):
+        chosen = "" if group in (None, n) else f" ({group} in the group)"
         raise ValueError(
-            f"the weights have {W.shape[0]} rows and {W.shape[1]} columns, but the mesh has {n} vertices and the rig "
-            f"{b} bones: they belong to another mesh or rig"
+            f"the weights have {W.shape[0]} rows and {W.shape[1]} columns, but the mesh has {n} vertices{chosen} and "
+            f"the rig {b} bones: they belong to another mesh or rig"
         )
-    clipped = np.maximum(W, 0)
-    sums = clipped.sum(axis=1)
-    if not (sums > 0).all():
-        raise ValueError(f"vertex {int(np.argmin(sums))} has no positive weight")
-    change = np.abs(clipped / sums[:, None] - W).max()
-    if change > 1e-6:
-        report(f"weights were clipped at zero and their rows normalised; the largest change is {change:.2g}")
-    return clipped / sums[:, None]
 
 
 def _boundary(V: np.ndarray, E: np.ndarray) -> np.ndarray:

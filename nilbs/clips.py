@@ -1,7 +1,7 @@
 """Motions from files that hold a skeleton of their own, on the skeleton of a character."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,8 @@ from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.bone_map import read_bone_map
 from nilbs.io.errors import FileFormatError
 from nilbs.io.parts import Clip
+from nilbs.report import Report
 
-Report = Callable[[str], None]
 BoneMap = Mapping[str, str | None] | str | os.PathLike
 
 SUFFIXES = (".bvh", ".glb", ".gltf", ".fbx")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from nilbs.character import Character, Report
+from nilbs.character import Character
 from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.objective import REFRESH, NilbsObjective, RandomPoses
 from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
@@ -20,6 +20,7 @@ from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.model import Model, blank_field, in_unit_frame, rest_center, torch_device
 from nilbs.motion import Motion
+from nilbs.report import Report, silent
 from nilbs.settings import Settings
 
 CHECKPOINT_KIND = "nilbs checkpoint 1"
@@ -75,7 +76,7 @@ def fit(
         If the checkpoint cannot be read.
     """
     settings = replace(settings or Settings(), **changes).resolved(bones=len(character.BE), d=character.d)
-    report = report or (lambda line: None)
+    report = report or silent
     if motion.B.shape[1:] != (len(character.BE), character.d + 1, character.d + 1):
         raise ValueError(
             f"the motion moves {motion.B.shape[1]} bones in {motion.B.shape[2] - 1} dimensions, "

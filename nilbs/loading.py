@@ -1,6 +1,5 @@
 """Characters from files: a mesh and a rig in any format, or one file that holds both."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,11 +9,10 @@ import numpy as np
 from nilbs.geometry.simplex import weights_on_simplex
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.parts import Clip, Mesh, Parts, select_group
+from nilbs.report import Report, silent
 
 if TYPE_CHECKING:
     from nilbs.character import Character
-
-Report = Callable[[str], None]
 
 _SAME_PLACE = 1e-4  # of the mesh's size: how far vertices of two files may lie apart and still be the same
 
@@ -192,7 +190,7 @@ def fit_together(
     from nilbs.character import in_dimension
     from nilbs.io.errors import FileFormatError
 
-    report = report or (lambda line: None)
+    report = report or silent
     if solve and weights_path is not None:
         raise ValueError(f"weights are solved for or read from {weights_path}, not both")
     for path, parts in {str(mesh_path): from_mesh, str(rig_path): from_rig}.items():
@@ -280,18 +278,12 @@ def _weights_of_file(path: str | Path, n: int, kept: np.ndarray, skeleton: Skele
         from nilbs.io.makehuman import read_mhw
 
         return read_mhw(path, skeleton.names).dense(n, b, path)[kept]
+    from nilbs.character import check_sizes
     from nilbs.io.weights import read_weights
 
     W = read_weights(path)
-    if W.shape == (n, b):
-        return W[kept]
-    if W.shape == (len(kept), b):
-        return W
-    chosen = "" if len(kept) == n else f" ({len(kept)} in the group)"
-    raise ValueError(
-        f"the weights have {W.shape[0]} rows and {W.shape[1]} columns, but the mesh has {n} vertices{chosen} and the "
-        f"rig {b} bones: they belong to another mesh or rig"
-    )
+    check_sizes(W, n, b, group=len(kept))
+    return W[kept] if len(W) == n else W
 
 
 def _painted_weights(path: str | Path, rig: Parts, mesh: Mesh, skeleton: Skeleton, report: Report) -> np.ndarray | None:

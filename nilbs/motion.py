@@ -17,9 +17,10 @@ from nilbs.geometry.kinematics import (
 from nilbs.geometry.rotations import interpolate_transforms
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
+from nilbs.report import Report, silent
 
 if TYPE_CHECKING:
-    from nilbs.clips import BoneMap, Report
+    from nilbs.clips import BoneMap
     from nilbs.io.motion import LocalMotion
 
 FPS = 24  # frames a second of a motion that does not tell its times
@@ -195,7 +196,7 @@ def read_motion(
     *,
     clip: str | None = None,
     bone_map: "BoneMap | None" = None,
-    report: "Report | None" = None,
+    report: Report | None = None,
 ) -> Motion:
     """Read a motion, and put it on a character if it was made for another.
 
@@ -231,7 +232,7 @@ def read_motion(
     from nilbs.clips import SUFFIXES, chosen_clip, clip_transforms
     from nilbs.io.errors import FileFormatError
 
-    report = report or (lambda line: None)
+    report = report or silent
     skeleton = character if isinstance(character, Skeleton) else character.skeleton
     path = Path(path)
     suffix = path.suffix.lower()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import nilbs
-from nilbs.character import Character, assemble, in_dimension, normalized
+from nilbs.character import Character, assemble, in_dimension
 from nilbs.geometry.facets import is_watertight
 from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.rotations import rigid_transforms
@@ -117,15 +117,19 @@ def test_given_weights_are_kept_and_spread_inside(d: int, characters) -> None:
 
 
 def test_weights_that_leave_the_simplex_are_mended_and_that_is_said() -> None:
-    W = np.array([[2, 0], [0.5, 0.5], [-0.2, 1], [0, 0.5]])
+    W = np.array([[2, 0], [0, 0], [-0.2, 1], [0.3, 0.7]])
     lines: list[str] = []
     c = assemble(*shape(2), W, report=lines.append)
-    np.testing.assert_allclose(c.W, [[1, 0], [0.5, 0.5], [0, 1], [0, 1]])
-    (line,) = lines
-    assert line == "weights were clipped at zero and their rows normalised; the largest change is 1"
+    np.testing.assert_allclose(c.W, [[1, 0], [1, 0], [0, 1], [0.3, 0.7]])
+    assert [line.partition(" have ")[2].partition(",")[0] for line in lines] == [
+        "weights below zero",
+        "weights that do not sum to one (2 to 2): they are normalised",
+        "no weight",
+    ]
     # What is only rounded is mended in silence.
     lines.clear()
-    np.testing.assert_allclose(normalized([[0.3, 0.7 + 1e-8]], 1, 2, lines.append).sum(axis=1), 1, atol=1e-15)
+    c = assemble(*shape(2), np.full((4, 2), 0.5 + 1e-8), report=lines.append)
+    np.testing.assert_allclose(c.W.sum(axis=1), 1, atol=1e-15)
     assert not lines
 
 
@@ -205,7 +209,7 @@ def test_a_flat_mesh_takes_a_flat_rig_of_three_coordinates() -> None:
             "^the weights have 5 rows and 2 columns, but the mesh has 4 vertices and the rig 2 bones",
         ),
         ({"W": np.ones((4, 3))}, "they belong to another mesh or rig$"),
-        ({"W": [[1, 0], [0, 0], [1, 0], [1, 0]]}, "^vertex 1 has no positive weight$"),
+        ({"W": -np.ones((4, 2))}, "^no vertex has any weight: solve for weights instead"),
         ({"W": [[1, 0], [np.nan, 0], [1, 0], [1, 0]]}, r"^W\[1, 0\] is nan"),
     ],
 )

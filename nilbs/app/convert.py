@@ -88,8 +88,9 @@ def _write_guess(map_path: str, motion_path: str, clip: str | None, skeleton: "S
     from nilbs.geometry.retargeting import guess_bone_map
     from nilbs.io.bone_map import write_bone_map
     from nilbs.loading import in_space
+    from nilbs.report import silent
 
-    source = chosen_clip(Path(motion_path), clip, lambda line: None).skeleton
+    source = chosen_clip(Path(motion_path), clip, silent).skeleton
     try:
         guess = guess_bone_map(source, replace(skeleton, C=in_space(skeleton.C)))
     except ValueError:

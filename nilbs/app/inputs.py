@@ -12,12 +12,12 @@ from nilbs.io.errors import FileFormatError
 from nilbs.io.parts import Clip, Mesh, Parts
 from nilbs.io.registry import MESHES, RIGS, kind_of, read_parts
 from nilbs.loading import fit_together, in_space, whole_or_group
+from nilbs.report import Report
 from nilbs.saving import clip_of
 
 if TYPE_CHECKING:
     from nilbs.motion import Motion
 
-Report = Callable[[str], None]
 ReadMotion = Callable[[str, Skeleton], "Motion"]
 
 
