@@ -19,7 +19,7 @@ from nilbs.geometry.rotations import rigid_transforms, transform_points
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.validation import arrays
 from nilbs.motion import Motion
-from nilbs.settings import Settings
+from nilbs.settings import RESOLUTION, Settings
 
 if TYPE_CHECKING:
     from typing import Self
@@ -135,7 +135,7 @@ class Model:
         unit = _joined([values.x_rest for values in self._values(x, pose)])
         return unit * self.character.L + rest_center(self.character)
 
-    def extract(self, pose: np.ndarray, resolution: int = 128) -> tuple[np.ndarray, np.ndarray]:
+    def extract(self, pose: np.ndarray, resolution: int = RESOLUTION) -> tuple[np.ndarray, np.ndarray]:
         """Surface of the posed character, where occupancy is one half.
 
         Parameters
@@ -275,6 +275,10 @@ def check_character(character: Character) -> None:
     for name, indices, size in (("F", c.F, len(c.V)), ("BE", c.BE, len(c.C)), ("T", c.T, len(c.V_volume))):
         if len(indices) and not (indices.min() >= 0 and indices.max() < size):
             raise ValueError(f"{name} has an index outside 0 to {size - 1}")
+    if any(indices.dtype.kind != "i" for indices in (c.F, c.BE, c.P, c.T)):
+        raise ValueError("F, BE, P and T must be stored as integers")
+    if not c.L > 0:
+        raise ValueError("all vertices lie in one place")
     if not len(c.BE) or len(c.names) != len(c.BE) or len(c.P) != len(c.BE):
         raise ValueError("names or parents of bones do not fit the bones")
     bone_order(c.P)

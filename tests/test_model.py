@@ -239,6 +239,8 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: c.update({"field.cache.values": c["field.cache.values"][:1]}), "the rest cache has shape"),
         (lambda c, t: c.update({"field.cache.origin": np.zeros(7, dtype=np.float32)}), "origin must be"),
         (lambda c, t: c.update({"history": np.zeros((2, 2))}), "history must be"),
+        (lambda c, t: c.update({"character.BE": c["character.BE"].astype(float)}), "must be stored as integers"),
+        (lambda c, t: c.update({"character.V": 0 * c["character.V"]}), "all vertices lie in one place"),
         (lambda c, t: t.pop("spacing"), "spacing"),
         (lambda c, t: t.update(spacing="wide"), "could not convert"),
         (lambda c, t: t.update(bones=["a"]), "names or parents of bones do not fit the bones"),
