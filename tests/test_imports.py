@@ -1,8 +1,10 @@
 """What importing loads: the promise that geometry and files need neither torch nor trimesh."""
 
+import ast
 import pkgutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -31,6 +33,49 @@ def test_geometry_and_files_import_without_torch_and_trimesh() -> None:
     blocked = "import sys; sys.modules['torch'] = sys.modules['trimesh'] = None; "
     loaded = python(f"{blocked}import {', '.join(names)}; print(*sys.modules)").split()
     assert set(names) <= set(loaded)
+
+
+# What each layer may import of the project.
+BELOW = {
+    "geometry": {"geometry"},
+    "io": {"geometry", "io"},
+    "fields": {"geometry", "fields", "settings"},
+}
+
+
+def imported(path: Path) -> set[str]:
+    """The project's modules that a file imports, in functions and for types too."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0
+            found |= {f"{node.module}.{name.name}" for name in node.names}
+    return {name for name in found if name.split(".")[0] == "nilbs"}
+
+
+@pytest.mark.parametrize("layer", BELOW)
+def test_a_layer_imports_nothing_above_it(layer: str) -> None:
+    files = list(Path(nilbs.__file__).with_name(layer).rglob("*.py"))
+    assert files
+    for path in files:
+        above = {name for name in imported(path) if name.split(".")[1] not in BELOW[layer]}
+        assert not above, path
+
+
+def test_nothing_but_commands_imports_commands() -> None:
+    root = Path(nilbs.__file__).parent
+    files = [path for path in root.rglob("*.py") if path.parent.name != "app" and path.name != "__main__.py"]
+    assert not [path for path in files if any(name.startswith("nilbs.app") for name in imported(path))]
+
+
+def test_what_is_copyleft_is_imported_in_its_folder_only() -> None:
+    root = Path(nilbs.__file__).parent
+    for path in root.rglob("*.py"):
+        text = path.read_text()
+        there = "import pymeshlab" in text or "igl.copyleft import" in text or "import triangle" in text
+        assert not there or path.parent.name == "copyleft", path
 
 
 def test_names_are_loaded_when_they_are_asked_for() -> None:
