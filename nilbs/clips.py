@@ -10,12 +10,12 @@ from nilbs.geometry.retargeting import guess_bone_map, retarget
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.bone_map import read_bone_map
 from nilbs.io.errors import FileFormatError
+from nilbs.io.names import listed
 from nilbs.io.parts import Clip
 from nilbs.report import Report
 
 BoneMap = Mapping[str, str | None] | str | os.PathLike
 
-SUFFIXES = (".bvh", ".glb", ".gltf", ".fbx")
 SAME_PLACE = 1e-4  # of the skeleton's size: joints that are nearer are the same
 
 
@@ -196,4 +196,4 @@ def _axes(R: np.ndarray) -> str:
 
 
 def _quoted(names: list[str]) -> str:
-    return ", ".join(map(repr, names[:20])) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
+    return listed([repr(name) for name in names])

@@ -15,11 +15,11 @@ from nilbs.geometry.sampling import near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.model import Model
 from nilbs.motion import Motion
+from nilbs.settings import NOISE, POINTS, RESOLUTION
 
 POSE_SETS = ("seen", "interpolated", "unseen", "far")
 ROWS = ("floor",)
 POSES = 10
-NOISE = 0.006
 # Standard deviation in radians of each bone's local angle.
 UNSEEN_STD, FAR_STD = 0.28, 0.8
 # Scores whose worst frame is the one with the smallest value.
@@ -65,8 +65,8 @@ class Scores:
 def evaluate(
     model: Model,
     *,
-    points: int = 100_000,
-    resolution: int = 128,
+    points: int = POINTS,
+    resolution: int = RESOLUTION,
     seed: int = 0,
     poses: Sequence[str] = POSE_SETS,
     rows: Sequence[str] = (),

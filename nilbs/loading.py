@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.simplex import weights_on_simplex
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.parts import Clip, Mesh, Parts, select_group
@@ -258,17 +259,6 @@ def whole_or_group(mesh: Mesh, group: str | None) -> tuple[np.ndarray, np.ndarra
     """
     V, E, kept = (mesh.V, mesh.E, np.arange(len(mesh.V))) if group is None else select_group(mesh, group)
     return V[:, :2].copy() if V.shape[1] == 3 and not V[:, 2].any() else V, E, kept
-
-
-def in_space(x: np.ndarray) -> np.ndarray:
-    """Points in three dimensions: those of the plane at z = 0.
-
-    Examples
-    --------
-    >>> in_space(np.ones((1, 2)))
-    array([[1., 1., 0.]])
-    """
-    return x if x.shape[1] == 3 else np.hstack([x, np.zeros((len(x), 1))])
 
 
 def _weights_of_file(path: str | Path, n: int, kept: np.ndarray, skeleton: Skeleton) -> np.ndarray:

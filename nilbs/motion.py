@@ -12,12 +12,14 @@ from nilbs.geometry.kinematics import (
     forward_kinematics,
     interpolate_poses,
     local_rotations,
+    rms_rotation,
     smooth_random_rotations,
 )
 from nilbs.geometry.rotations import interpolate_transforms
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
 from nilbs.report import Report, silent
+from nilbs.settings import AMPLITUDE, FRAMES
 
 if TYPE_CHECKING:
     from nilbs.clips import BoneMap
@@ -155,11 +157,10 @@ class Motion:
             theta, _ = local_rotations(character.C, character.BE, character.P, self.B)
         except ValueError:
             return None
-        turned = theta[:, character.P >= 0]
-        return float(np.sqrt((turned**2).sum(axis=-1).mean())) if turned.size else None
+        return rms_rotation(theta, character.P)
 
 
-def random_motion(character: Character, *, frames: int = 100, amplitude: float = 0.4, seed: int = 0) -> Motion:
+def random_motion(character: Character, *, frames: int = FRAMES, amplitude: float = AMPLITUDE, seed: int = 0) -> Motion:
     """Smooth random motion of a character: temporally coherent, and looping.
 
     Parameters
@@ -229,13 +230,14 @@ def read_motion(
     OSError
         If it cannot be opened.
     """
-    from nilbs.clips import SUFFIXES, chosen_clip, clip_transforms
-    from nilbs.io.errors import FileFormatError
+    from nilbs.clips import chosen_clip, clip_transforms
+    from nilbs.io.errors import FileFormatError, check_suffix
+    from nilbs.io.registry import MOTIONS
 
     report = report or silent
     skeleton = character if isinstance(character, Skeleton) else character.skeleton
     path = Path(path)
-    suffix = path.suffix.lower()
+    suffix = check_suffix(path, *MOTIONS)
     if suffix in (".json", ".dmat"):
         if clip is not None or bone_map is not None:
             what = "clip" if clip is not None else "bone map"
@@ -244,14 +246,10 @@ def read_motion(
             )
         B, times = _own_transforms(path, suffix, skeleton)
         source = path.name
-    elif suffix in SUFFIXES:
+    else:
         found = chosen_clip(path, clip, report)
         B, times = clip_transforms(path, found, skeleton, bone_map, report), found.times
         source = path.name if clip is None else f"{path.name}, {found.name}"
-    else:
-        got = f"not {suffix}" if suffix else "and this one has none"
-        allowed = ", ".join((".json", ".dmat", *SUFFIXES))
-        raise FileFormatError(path, f"the name of a motion's file must end in one of {allowed}, {got}")
     bad = np.argwhere(~np.isfinite(B).all(axis=(-1, -2)))
     if len(bad):
         raise FileFormatError(

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nilbs.geometry.plane import in_space, skeleton_in_space, transforms_in_space
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.atomic import check_writable, replacing
 from nilbs.io.errors import check_suffix
+from nilbs.io.names import listed
 from nilbs.io.parts import Clip, Influences, Mesh, Parts
 from nilbs.io.registry import MESHES, WRITABLE
-from nilbs.loading import in_space
 
 if TYPE_CHECKING:
     from nilbs.character import Character
@@ -96,7 +97,7 @@ def clip_of(motion: "Motion", skeleton: Skeleton) -> Clip:
     clip : Clip
     """
     name = Path(motion.source).stem if Path(motion.source).suffix else motion.source
-    return Clip(name, _skeleton_in_space(skeleton), motion.times, _transforms_in_space(motion.B))
+    return Clip(name, skeleton_in_space(skeleton), motion.times, transforms_in_space(motion.B))
 
 
 def write_files(
@@ -112,9 +113,9 @@ def write_files(
     Parameters
     ----------
     paths : sequence of path
-        `.obj`, `.ply`: the mesh. `.glb`: everything. `.txt`: rig and weights as RigNet writes them. `.tgf`: the rig.
-        `.npz`: weights. `.bvh`: rig and motion. `.dmat`: the motion or the weights, whichever there is; where there
-        are both, the end of the name tells: `-weights.dmat`, `-motion.dmat`.
+        `.obj`, `.ply`: the mesh. `.glb`, `.gltf`: everything. `.txt`: rig and weights as RigNet writes them. `.tgf`:
+        the rig. `.npz`: weights. `.bvh`: rig and motion. `.dmat`: the motion or the weights, whichever there is; where
+        there are both, the end of the name tells: `-weights.dmat`, `-motion.dmat`.
     mesh : Mesh, optional
     skeleton : Skeleton, optional
     W : (n, b) float array, optional
@@ -142,25 +143,27 @@ def write_files(
             raise ValueError(f"{path}: the same file is named twice")
     character = _Character(
         None if mesh is None else replace(mesh, V=in_space(mesh.V)),
-        None if skeleton is None else _skeleton_in_space(skeleton),
+        None if skeleton is None else skeleton_in_space(skeleton),
         W,
         tuple(
-            replace(clip, skeleton=_skeleton_in_space(clip.skeleton), B=_transforms_in_space(clip.B)) for clip in clips
+            replace(clip, skeleton=skeleton_in_space(clip.skeleton), B=transforms_in_space(clip.B)) for clip in clips
         ),
     )
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         written = []
         for k, path in enumerate(paths):
-            aside = Path(folder) / f"{k}{Path(path).suffix.lower()}"
+            # Under its own name, which some formats write inside.
+            aside = Path(folder, str(k), Path(path).name)
+            aside.parent.mkdir()
             try:
-                holds, notes = _write(aside, Path(path), character)
+                holds, notes = _write(aside, character)
             except ValueError as error:
                 raise ValueError(f"{path}: {error}") from error
             written.append(Written(path, holds, notes))
         # Each is complete beside its place before the first one takes it.
         files = [stack.enter_context(replacing(path)) for path in paths]
         for k, (path, file) in enumerate(zip(paths, files, strict=True)):
-            with open(Path(folder) / f"{k}{Path(path).suffix.lower()}", "rb") as source:
+            with open(Path(folder, str(k), Path(path).name), "rb") as source:
                 copyfileobj(source, file)
     return tuple(written)
 
@@ -183,7 +186,7 @@ class _Character:
         if not self.clips:
             raise ValueError("there is no motion to write")
         if len(self.clips) > 1:
-            names = ", ".join(clip.name for clip in self.clips[:8])
+            names = listed([clip.name for clip in self.clips])
             raise ValueError(f"it holds one motion, and there are {len(self.clips)}: choose one of {names}")
         return self.clips[0]
 
@@ -193,10 +196,9 @@ class _Character:
         return self.W
 
 
-def _write(path: Path, named: Path, character: _Character) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Write one file; return what it holds, and notes on what it cannot hold. `named` is what the user calls it."""
-    c = character
-    suffix = path.suffix
+def _write(path: Path, c: _Character) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Write one file; return what it holds, and notes on what it cannot hold."""
+    suffix = path.suffix.lower()
     if suffix in MESHES:
         from nilbs.io.mesh import write_mesh
 
@@ -204,8 +206,8 @@ def _write(path: Path, named: Path, character: _Character) -> tuple[tuple[str, .
             raise ValueError("there is no mesh to write")
         write_mesh(path, c.mesh.V, c.mesh.E)
         return ("mesh",), ()
-    if suffix == ".glb":
-        return _write_glb(path, c)
+    if suffix in (".glb", ".gltf"):
+        return _write_gltf(path, c)
     if suffix == ".txt":
         from nilbs.io.rignet import write_rignet
 
@@ -222,7 +224,7 @@ def _write(path: Path, named: Path, character: _Character) -> tuple[tuple[str, .
             return ("rig", "motion"), write_bvh(path, c.motion())
         rest = np.tile(np.eye(4), (1, len(c.rig().BE), 1, 1))
         return ("rig",), write_bvh(path, Clip("rest", c.rig(), np.zeros(1), rest))
-    if suffix == ".dmat" and _holds_motion(named, c):
+    if suffix == ".dmat" and _holds_motion(path, c):
         from nilbs.io.motion import write_transforms
 
         write_transforms(path, c.motion().B)
@@ -233,7 +235,7 @@ def _write(path: Path, named: Path, character: _Character) -> tuple[tuple[str, .
     return ("weights",), ()
 
 
-def _write_glb(path: Path, c: _Character) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _write_gltf(path: Path, c: _Character) -> tuple[tuple[str, ...], tuple[str, ...]]:
     from nilbs.io.gltf_writer import write_gltf
 
     if c.mesh is None and c.skeleton is None:
@@ -244,7 +246,7 @@ def _write_glb(path: Path, c: _Character) -> tuple[tuple[str, ...], tuple[str, .
         influences = Influences(vertex, bone, c.weights()[vertex, bone])
     notes = write_gltf(path, Parts(c.mesh, c.skeleton, influences, c.clips))
     there = {"mesh": c.mesh, "rig": c.skeleton, "weights": influences, "motion": c.clips or None}
-    return tuple(name for name, value in there.items() if value is not None), tuple(notes or ())
+    return tuple(name for name, value in there.items() if value is not None), notes
 
 
 def _holds_motion(path: Path, c: _Character) -> bool:
@@ -259,17 +261,3 @@ def _holds_motion(path: Path, c: _Character) -> bool:
             "a .dmat file holds the weights or the motion: call it ...-weights.dmat or ...-motion.dmat, to say which"
         )
     return bool(c.clips)
-
-
-def _skeleton_in_space(skeleton: Skeleton) -> Skeleton:
-    return skeleton if skeleton.d == 3 else replace(skeleton, C=in_space(skeleton.C))
-
-
-def _transforms_in_space(B: np.ndarray) -> np.ndarray:
-    if B.shape[-1] == 4:
-        return B
-    lifted = np.zeros((*B.shape[:-2], 4, 4))
-    lifted[...] = np.eye(4)
-    plane = np.array([0, 1, 3])
-    lifted[..., plane[:, None], plane] = B
-    return lifted

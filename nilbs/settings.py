@@ -1,8 +1,14 @@
-"""Settings of a training, as they are stored in a model file."""
+"""Settings of a training, as they are stored in a model file, and the defaults that several functions share."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
+
+FRAMES = 100  # of random motion, and of other motion that a training takes
+AMPLITUDE = 0.4  # rad, rms, of random motion
+NOISE = 0.006  # of L: standard deviation of points near the surface, in training and in scores
+POINTS = 100_000  # a frame, of scores
+RESOLUTION = 128  # cells along the longest edge of the grid that surfaces are extracted on
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class Settings:
     poses_per_step: int = 64
     points_per_pose: int = 128
     samples_per_frame: int = 20_000
-    noise: float = 0.006
+    noise: float = NOISE
     supervision: str = "volume"
     shell: float = 0.01
     weight_loss: float = 1.0

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from nilbs.geometry.kinematics import bone_parents, forward_kinematics, smooth_random_rotations
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.gingerbread import gingerbread
 from nilbs.io import FileFormatError, read_dmat, read_mesh, read_parts, read_transforms, read_weights
 from nilbs.io.parts import Clip, Mesh
-from nilbs.loading import in_space, read_rigged_mesh
+from nilbs.loading import read_rigged_mesh
 from nilbs.saving import clip_of, save_character, write_files
 
 CLOSE = 1e-5  # of the size
@@ -68,10 +69,12 @@ def assert_same_places(U, U_read, V):
     assert np.abs(U - U_read).max() <= CLOSE * np.ptp(V, axis=0).max()
 
 
-def test_glb(parts, tmp_path):
-    (written,) = write_files([tmp_path / "a.glb"], **parts)
+@pytest.mark.parametrize("name", ["a.glb", "a.GLTF"])
+def test_gltf(parts, tmp_path, name):
+    (written,) = write_files([tmp_path / name], **parts)
+    assert list(read_parts(tmp_path / name).mesh.groups) == ["a"]
     assert written.holds == ("mesh", "rig", "weights", "motion")
-    rigged = read_rigged_mesh(tmp_path / "a.glb")
+    rigged = read_rigged_mesh(tmp_path / name)
     skeleton, (clip,) = parts["skeleton"], parts["clips"]
     assert rigged.skeleton.names == skeleton.names
     assert rigged.skeleton.P.tolist() == skeleton.P.tolist()

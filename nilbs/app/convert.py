@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="OUT",
         required=True,
-        help=".glb (everything), .obj or .ply (the mesh), .txt (rig and weights, as RigNet), .tgf (the rig), .dmat "
-        "(the motion or the weights), .npz (the weights), .bvh (rig and motion)",
+        help=".glb or .gltf (everything), .obj or .ply (the mesh), .txt (rig and weights, as RigNet), .tgf (the rig), "
+        ".dmat (the motion or the weights), .npz (the weights), .bvh (rig and motion)",
     )
     add_group(parser)
     add_solve(parser)
@@ -81,18 +81,17 @@ def run(args: argparse.Namespace) -> None:
 
 def _write_guess(map_path: str, motion_path: str, clip: str | None, skeleton: "Skeleton") -> None:
     """Write which bones would follow which; where no name agrees, every bone without one to follow."""
-    from dataclasses import replace
     from pathlib import Path
 
     from nilbs.clips import chosen_clip
+    from nilbs.geometry.plane import skeleton_in_space
     from nilbs.geometry.retargeting import guess_bone_map
     from nilbs.io.bone_map import write_bone_map
-    from nilbs.loading import in_space
     from nilbs.report import silent
 
     source = chosen_clip(Path(motion_path), clip, silent).skeleton
     try:
-        guess = guess_bone_map(source, replace(skeleton, C=in_space(skeleton.C)))
+        guess = guess_bone_map(source, skeleton_in_space(skeleton))
     except ValueError:
         guess = {}
     write_bone_map(map_path, guess, skeleton.names)

@@ -4,8 +4,7 @@ import argparse
 import sys
 
 from nilbs.app.options import add_json, add_points, add_resolution, add_seed, whole
-
-FRAMES = 100
+from nilbs.settings import FRAMES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,12 +7,12 @@ import numpy as np
 from nilbs.app.contents import Content
 from nilbs.app.surfaces import describe_surface, verdict
 from nilbs.geometry.facets import components
-from nilbs.geometry.kinematics import local_rotations
+from nilbs.geometry.kinematics import local_rotations, rms_rotation
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.rig_diagnosis import coincident_joints
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.volume import boundary_facets
+from nilbs.geometry.volume import boundary_facets, element_volumes
 from nilbs.io.parts import Influences
-from nilbs.loading import in_space
 
 # Weights that are further than this from rows on the simplex are a mistake and not rounding.
 _TOLERANCE = 1e-6
@@ -67,12 +67,7 @@ def outline(V: np.ndarray, T: np.ndarray) -> np.ndarray:
     >>> outline(np.array([[0.0, 0], [1, 0], [0, 1], [2, 0]]), np.array([[0, 1, 2], [0, 1, 3]])).shape
     (3, 2)
     """
-    return boundary_facets(T[_areas(V, T) > 0])
-
-
-def _areas(V: np.ndarray, T: np.ndarray) -> np.ndarray:
-    a, b = V[T[:, 1]] - V[T[:, 0]], V[T[:, 2]] - V[T[:, 0]]
-    return (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    return boundary_facets(T[element_volumes(V, T) > 0])
 
 
 def _mesh(V: np.ndarray, E: np.ndarray, problems: list[str]) -> dict[str, Any]:
@@ -80,7 +75,7 @@ def _mesh(V: np.ndarray, E: np.ndarray, problems: list[str]) -> dict[str, Any]:
     if d == 3 or E.shape[1] == 2:
         return {"d": d, "vertices": len(V), **describe_surface(V, E, problems)}
     values = describe_surface(V, outline(V, E), problems, used=E)
-    without = int((_areas(V, E) <= 0).sum())
+    without = int((element_volumes(V, E) <= 0).sum())
     if without:
         problems.append(f"{without} of {len(E)} triangles have no area")
     return {"d": d, "vertices": len(V), "triangles": len(E), **values, "triangles_without_area": without}
@@ -206,7 +201,7 @@ def _rms_of_transforms(rig: Skeleton, B: np.ndarray) -> float | None:
         theta, _ = local_rotations(in_space(rig.C), rig.BE, rig.P, B)
     except ValueError:
         return None
-    return _rms(theta[:, rig.P >= 0])
+    return rms_rotation(theta, rig.P)
 
 
 def _rms_of_names(rig: Skeleton | None, names: tuple[str, ...], theta: np.ndarray) -> float | None:
@@ -218,16 +213,11 @@ def _rms_of_names(rig: Skeleton | None, names: tuple[str, ...], theta: np.ndarra
         return None
     every = np.zeros((len(theta), len(rig.P), theta.shape[2]))
     every[:, [place[name] for name in names]] = theta
-    return _rms(every[:, rig.P >= 0])
-
-
-def _rms(theta: np.ndarray) -> float | None:
-    return float(np.sqrt((theta**2).sum(axis=-1).mean())) if theta.size else None
+    return rms_rotation(every, rig.P)
 
 
 def _model(model: Any, problems: list[str]) -> dict[str, Any]:
     c = model.character
-    skeleton = Skeleton(c.C, c.BE, c.P, c.names)
     rms = model.motion.rms_rotation(c)
     motion = {"source": model.motion.source, "frames": len(model.motion), "rms_local_rotation": rms}
     motion["original_frames"] = [int(model.motion.frames.min()), int(model.motion.frames.max())]
@@ -236,7 +226,7 @@ def _model(model: Any, problems: list[str]) -> dict[str, Any]:
         "name": c.name,
         "d": c.d,
         "mesh": {"vertices": len(c.V), **describe_surface(c.V, c.F, problems, used=used)},
-        "rig": _rig(skeleton, problems),
+        "rig": _rig(c.skeleton, problems),
         "weights": _weights(c.W, problems),
         "volume": {"vertices": len(c.V_volume), "elements": len(c.T)},
         "motion": {**motion, **_rigidity(model.motion.B, problems)},

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.errors import FileFormatError
+from nilbs.io.names import listed
 from nilbs.io.parts import Clip, Mesh, Parts
 from nilbs.io.registry import MESHES, RIGS, kind_of, read_parts
-from nilbs.loading import fit_together, in_space, whole_or_group
+from nilbs.loading import fit_together, whole_or_group
 from nilbs.report import Report
 from nilbs.saving import clip_of
 
@@ -199,6 +201,6 @@ def _clip_of_file(path: str, skeleton: Skeleton | None, read_motion: ReadMotion)
 def _named(path: str, clips: tuple[Clip, ...], name: str | None) -> tuple[Clip, ...]:
     chosen = tuple(clip for clip in clips if name in (None, clip.name))
     if not chosen:
-        known = ", ".join(clip.name for clip in clips[:8])
+        known = listed([clip.name for clip in clips])
         raise FileFormatError(path, f"the file holds no motion {name!r}, but {known}")
     return chosen

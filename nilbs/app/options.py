@@ -3,8 +3,7 @@
 import argparse
 from collections.abc import Callable
 
-POINTS = 100_000
-RESOLUTION = 128
+from nilbs.settings import POINTS, RESOLUTION
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

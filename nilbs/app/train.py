@@ -5,13 +5,11 @@ import sys
 from typing import TYPE_CHECKING
 
 from nilbs.app.options import add_character, add_json, add_motion, add_seed, add_solve, not_negative, whole
+from nilbs.settings import AMPLITUDE, FRAMES
 
 if TYPE_CHECKING:
     from nilbs.character import Character
     from nilbs.motion import Motion
-
-FRAMES = 100
-AMPLITUDE = 0.4  # rad
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,6 +12,7 @@ from nilbs.figures.notation import notation_figure
 from nilbs.figures.reconstruction import reconstruction_figure
 from nilbs.figures.training import training_figure
 from nilbs.figures.weights import weights_figure
+from nilbs.settings import RESOLUTION
 
 if TYPE_CHECKING:
     from nilbs.model import Model
@@ -32,7 +33,7 @@ def write_figures(
     *,
     poses: Mapping[str, np.ndarray] | None = None,
     surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
-    resolution: int = 128,
+    resolution: int = RESOLUTION,
 ) -> list[Path]:
     """Write all figures of a model: notation, weights, ghost, training and reconstruction, as PNG.
 

@@ -13,6 +13,7 @@ from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import View
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.settings import RESOLUTION
 
 if TYPE_CHECKING:
     from nilbs.model import Model
@@ -24,7 +25,7 @@ def reconstruction_figure(
     *,
     poses: Mapping[str, np.ndarray],
     surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
-    resolution: int = 128,
+    resolution: int = RESOLUTION,
 ) -> Path:
     """Draw the true surface of each pose (top) and the model's (bottom), coloured by the distance to the true one.
 

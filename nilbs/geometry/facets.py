@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from nilbs.geometry.topology import group_labels
 from nilbs.geometry.validation import arrays, check_indices
 
 
@@ -93,17 +94,11 @@ def components(F: np.ndarray, n: int) -> int:
     >>> components([[0, 1], [1, 2], [3, 4]], 6)
     2
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     (F,) = arrays(F=(F, "m d", int))
     if not len(F):
         return 0
     check_indices("F", F, n, "vertices")
-    start = np.repeat(F[:, 0], F.shape[1] - 1)
-    end = F[:, 1:].ravel()
-    graph = coo_array((np.ones(len(start), dtype=np.int8), (start, end)), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
+    label = group_labels(np.repeat(F[:, 0], F.shape[1] - 1), F[:, 1:].ravel(), n)
     return len(np.unique(label[F[:, 0]]))
 
 

@@ -318,9 +318,7 @@ def random_rotations(P: np.ndarray, d: int, n: int, *, std: float, rng: np.rando
     return np.where((P >= 0)[:, None], angle, 0.0)
 
 
-def smooth_random_rotations(
-    P: np.ndarray, d: int, n: int, *, amplitude: float = 0.4, rng: np.random.Generator
-) -> np.ndarray:
+def smooth_random_rotations(P: np.ndarray, d: int, n: int, *, amplitude: float, rng: np.random.Generator) -> np.ndarray:
     """Local rotations of a smooth random motion of n frames.
 
     Parameters
@@ -370,6 +368,31 @@ def smooth_random_rotations(
     rms = np.sqrt((theta**2).sum(axis=-1).mean(axis=0)) if n else np.ones(len(P))
     theta *= (amplitude / np.where(rms > 0, rms, 1.0))[:, None]
     return np.where((P >= 0)[:, None], theta, 0.0)
+
+
+def rms_rotation(theta: np.ndarray, P: np.ndarray) -> float | None:
+    """Root mean square of the local angles of all bones but the roots.
+
+    Parameters
+    ----------
+    theta : (..., b, 1) or (..., b, 3) float array
+        Local rotations in radians.
+    P : (b,) int array
+        Parent bones, -1 at a root.
+
+    Returns
+    -------
+    rms : float or None
+        In radians; None where every bone is a root, or there is no pose.
+
+    Examples
+    --------
+    >>> rms_rotation([[9.0], [3.0], [4.0]], [-1, 0, 0])
+    3.5355339059327378
+    """
+    theta, P = arrays(theta=(theta, "... b r"), P=(P, "b", int))
+    turned = theta[..., P >= 0, :]
+    return float(np.sqrt((turned**2).sum(axis=-1).mean())) if turned.size else None
 
 
 def _levels(P: np.ndarray) -> np.ndarray:

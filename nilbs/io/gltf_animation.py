@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nilbs.io.gltf_document import Document
-from nilbs.io.gltf_nodes import LARGEST, Nodes, compose, unique_names, unit_quaternions
+from nilbs.io.gltf_nodes import LARGEST, Nodes, compose, unit_quaternions
 from nilbs.io.gltf_skin import Rig
+from nilbs.io.names import unique_names
 from nilbs.io.parts import Clip
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
@@ -93,10 +94,11 @@ def read_animations(file: Document, nodes: Nodes, joints: list[int]) -> tuple[li
     """
     moving = _moving(nodes, joints)
     found: list[Animation] = []
-    notes: list[str] = []
     entries = file.entries("animations")
-    names = [file.text(entry, "name", f"animation {i}") or f"animation{i}" for i, entry in enumerate(entries)]
-    for name, entry in zip(unique_names(names), entries, strict=True):
+    given = [file.text(entry, "name", f"animation {i}") or f"animation{i}" for i, entry in enumerate(entries)]
+    names, renamed = unique_names(given)
+    notes = [*renamed]
+    for name, entry in zip(names, entries, strict=True):
         where = f"animation {name[:80]!r}"
         samplers = file.objects(entry, "samplers", where)
         channels: dict[tuple[int, str], Channel] = {}

@@ -135,27 +135,6 @@ def unit_quaternions(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(zero, 0.0, q / np.where(zero, 1.0, np.linalg.norm(q, axis=-1, keepdims=True))), zero[..., 0]
 
 
-def unique_names(names: list[str]) -> list[str]:
-    """Names with a number behind those that stood before.
-
-    Examples
-    --------
-    >>> unique_names(["arm", "arm", "leg", "arm"])
-    ['arm', 'arm.001', 'leg', 'arm.002']
-    """
-    taken: set[str] = set()
-    numbers: dict[str, int] = {}
-    unique = []
-    for name in names:
-        new = name
-        while new in taken:
-            numbers[name] = numbers.get(name, 0) + 1
-            new = f"{name}.{numbers[name]:03d}"
-        taken.add(new)
-        unique.append(new)
-    return unique
-
-
 def read_nodes(file: Document) -> Nodes:
     """Read the nodes of a file.
 

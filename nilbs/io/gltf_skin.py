@@ -8,7 +8,8 @@ import numpy as np
 from nilbs.geometry.rotations import transform_points
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 from nilbs.io.gltf_document import Document
-from nilbs.io.gltf_nodes import LARGEST, Nodes, unique_names
+from nilbs.io.gltf_nodes import LARGEST, Nodes
+from nilbs.io.names import unique_names
 
 _CLOSE = 1e-4  # relative: skins whose matrices agree so well were bound in the same pose
 
@@ -124,18 +125,21 @@ def read_rig(file: Document, nodes: Nodes) -> Rig:
             raise file.error(f"skin {i}: the frame of a joint is out of bounds")
         skins.append(Skin(bones, place, agree))
     R, R_inverse = (np.array(frames).reshape(-1, 4, 4) for frames in (rest, inverse))
-    skeleton = _skeleton(nodes, bone, R, above) if bone else None
-    return Rig(skeleton, bone, R, R_inverse, skins, above, relative, notes)
+    skeleton, renamed = _skeleton(nodes, bone, R, above) if bone else (None, ())
+    return Rig(skeleton, bone, R, R_inverse, skins, above, relative, [*notes, *renamed])
 
 
-def _skeleton(nodes: Nodes, bone: dict[int, int], rest: np.ndarray, above: np.ndarray) -> Skeleton:
-    names = unique_names([nodes.names[joint] or f"bone{b}" for joint, b in bone.items()])
+def _skeleton(
+    nodes: Nodes, bone: dict[int, int], rest: np.ndarray, above: np.ndarray
+) -> tuple[Skeleton, tuple[str, ...]]:
+    """The skeleton, and what was said of its names."""
+    names, renamed = unique_names(nodes.names[joint] or f"bone{b}" for joint, b in bone.items())
     parents = np.array([bone.get(int(above[joint]), -1) for joint in bone])
     ends: dict[int, np.ndarray] = {}
     for node, parent in enumerate(nodes.parent.tolist()):
         if parent in bone and node not in bone and nodes.names[node] == f"{nodes.names[parent]}_end":
             ends.setdefault(bone[parent], transform_points(rest[bone[parent]], nodes.local[node, :3, 3]))
-    return skeleton_of_joints(rest[:, :3, 3], parents, names, ends=ends)
+    return skeleton_of_joints(rest[:, :3, 3], parents, names, ends=ends), renamed
 
 
 def _joints(file: Document, nodes: Nodes, entry: dict[str, Any], where: str) -> list[int]:

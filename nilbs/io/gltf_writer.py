@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
+from nilbs.geometry.plane import in_space
+from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
 from nilbs.io.errors import check_suffix
 from nilbs.io.gltf_pose import PARTS, Track, quaternions, rest_rotations, track
+from nilbs.io.joints import first_joints, written_ends
 from nilbs.io.parts import Clip, Influences, Parts
 
 _TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u2"): 5123, np.dtype("u1"): 5121}
@@ -77,13 +79,13 @@ def write_gltf(path: str | os.PathLike, parts: Parts) -> tuple[str, ...]:
         raise ValueError("weights and clips need a skeleton")
     if mesh is None and influences is not None:
         raise ValueError("weights need a mesh")
-    points = [] if skeleton is None else [_lifted(skeleton.C)]
+    points = [] if skeleton is None else [in_space(skeleton.C)]
     if mesh is not None:
         V, E = arrays(V=(mesh.V, "n d"), E=(mesh.E, "m k", int))
         if not len(E) or E.shape[1] != 3:
             raise ValueError(f"a mesh of triangles is needed, E must be (m, 3) with m > 0, got {E.shape}")
         check_indices("E", E, len(V), "vertices")
-        points.append(_lifted(V))
+        points.append(in_space(V))
     offset, size = _place(np.concatenate(points))
     output = _Output()
     notes: list[str] = []
@@ -161,10 +163,6 @@ class _Output:
         return json.dumps(self.root, separators=(",", ":"), allow_nan=False).encode("ascii")
 
 
-def _lifted(x: np.ndarray) -> np.ndarray:
-    return np.pad(x, ((0, 0), (0, 3 - x.shape[1])))
-
-
 def _place(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Where the character is written from, and its size."""
     low, high = points.min(axis=0), points.max(axis=0)
@@ -232,7 +230,7 @@ def _write_skeleton(
     notes: list[str],
 ) -> None:
     """Joints, their skin and animations, below a node that stands at the offset."""
-    joints = _lifted(skeleton.C)[skeleton.BE[:, 0]] - offset
+    joints = first_joints(skeleton) - offset
     motions = [_motion(clip, skeleton, offset) for clip in clips]
     Q = rest_rotations(skeleton.P, motions)
     first = len(output.root["nodes"])
@@ -246,8 +244,10 @@ def _write_skeleton(
     nodes = output.root["nodes"]
     for bone, parent in enumerate(skeleton.P.tolist()):
         nodes[above if parent < 0 else first + parent]["children"].append(first + bone)
-    for bone, end in _ends(skeleton).items():
-        place = (Q[bone].T @ (end - offset - joints[bone])).tolist()
+    end, said = written_ends(skeleton)
+    # A bone without length has no end to write, though the reader may give it one.
+    for bone in np.flatnonzero(said & (skeleton.BE[:, 0] != skeleton.BE[:, 1])).tolist():
+        place = (Q[bone].T @ (end[bone] - offset - joints[bone])).tolist()
         nodes[first + bone]["children"].append(output.node(name=f"{skeleton.names[bone]}_end", translation=place))
     bind = np.tile(np.eye(4), (len(Q), 1, 1))
     bind[:, :3, :3] = np.swapaxes(Q, 1, 2)
@@ -270,19 +270,11 @@ def _write_skeleton(
         _write_animation(output, clip, move, sorted(used) or [(0, "rotation")], first, notes)
 
 
-def _ends(skeleton: Skeleton) -> dict[int, np.ndarray]:
-    """Ends of bones that a reader would place elsewhere."""
-    C = _lifted(skeleton.C)
-    read = skeleton_of_joints(C[skeleton.BE[:, 0]], skeleton.P, skeleton.names)
-    other = (read.C[read.BE[:, 1]] != C[skeleton.BE[:, 1]]).any(axis=1) & (skeleton.BE[:, 0] != skeleton.BE[:, 1])
-    return {bone: C[skeleton.BE[bone, 1]] for bone in np.flatnonzero(other).tolist()}
-
-
 def _motion(clip: Clip, skeleton: Skeleton, offset: np.ndarray) -> np.ndarray:
     """A clip's transforms, of a character that stands at the origin where it stood at the offset."""
     b = len(skeleton.names)
     _, B = arrays(times=(clip.times, "t"), B=(clip.B, f"t {b} 4 4"))
-    theirs, ours = (_lifted(s.C)[s.BE[:, 0]] for s in (clip.skeleton, skeleton))
+    theirs, ours = map(first_joints, (clip.skeleton, skeleton))
     if clip.skeleton.names != skeleton.names or not np.allclose(theirs, ours, rtol=1e-6, atol=1e-6 * np.ptp(ours)):
         raise ValueError(f"clip {clip.name!r} belongs to another skeleton: map it onto this one first")
     if not np.allclose(B[..., 3, :], [0, 0, 0, 1], rtol=0, atol=1e-9):

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 
 
@@ -33,7 +34,7 @@ def joint_in_circle(P: np.ndarray) -> int | None:
 
 def first_joints(skeleton: Skeleton) -> np.ndarray:
     """Where bones start, in space: (b, 3) float array, with z = 0 for a skeleton of the plane."""
-    return _in_space(skeleton.C)[skeleton.BE[:, 0]]
+    return in_space(skeleton.C)[skeleton.BE[:, 0]]
 
 
 def written_ends(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
@@ -57,7 +58,7 @@ def written_ends(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     ([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0]], [False, True])
     """
     start = first_joints(skeleton)
-    end = _in_space(skeleton.C)[skeleton.BE[:, 1]]
+    end = in_space(skeleton.C)[skeleton.BE[:, 1]]
     chosen = skeleton_of_joints(start, skeleton.P, skeleton.names)
     return end, (end != chosen.C[chosen.BE[:, 1]]).any(axis=1)
 
@@ -84,7 +85,3 @@ def skeleton_with_ends(
     inner = set(parents.tolist())
     said = {joint: end for joint, end in ends.items() if joint in inner or (end != positions[joint]).any()}
     return skeleton_of_joints(positions, parents, names, ends=said)
-
-
-def _in_space(C: np.ndarray) -> np.ndarray:
-    return np.pad(C, ((0, 0), (0, 3 - C.shape[1])))

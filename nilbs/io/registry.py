@@ -1,18 +1,15 @@
 """Which file holds what, and the one reader of everything that tells its own mesh, bones, painted weights or motion."""
 
 import os
-import struct
-import zipfile
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from nilbs.geometry.kinematics import bone_parents
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.io.bounded import file_bytes
 from nilbs.io.dmat import read_dmat
 from nilbs.io.errors import FileFormatError, check_suffix
+from nilbs.io.npz import NpzFile
 from nilbs.io.parts import Parts
 from nilbs.io.tgf import read_tgf
 
@@ -22,7 +19,7 @@ WHOLE = (".glb", ".gltf", ".fbx")  # mesh, skeleton, painted weights and motions
 WEIGHTS = (".dmat", ".npz", ".mhw")
 MOTIONS = (".dmat", ".json", ".bvh", *WHOLE)
 READABLE = tuple(dict.fromkeys(MESHES + RIGS + WHOLE + WEIGHTS + MOTIONS))
-WRITABLE = (".obj", ".ply", ".glb", ".txt", ".tgf", ".dmat", ".npz", ".bvh")
+WRITABLE = (".obj", ".ply", ".glb", ".gltf", ".txt", ".tgf", ".dmat", ".npz", ".bvh")
 
 _WEIGHTS_TOLERANCE = 0.1  # of the median row's sum from one
 
@@ -39,7 +36,7 @@ def kind_of(path: str | os.PathLike) -> str:
     Raises
     ------
     FileFormatError
-        If the suffix is unknown, or a `.dmat` file cannot be read.
+        If the suffix is unknown, or a `.dmat` or `.npz` file cannot be read.
     OSError
         If the content decides and cannot be read.
 
@@ -52,7 +49,7 @@ def kind_of(path: str | os.PathLike) -> str:
     if suffix == ".dmat":
         return "weights" if looks_like_weights(read_dmat(path)) else "motion"
     if suffix == ".npz":
-        return "parts" if _is_body_model(path) else "weights"
+        return "parts" if "v_template" in NpzFile(path).names else "weights"  # a body model of the SMPL family
     return {".mhw": "weights", ".json": "motion"}.get(suffix, "parts")
 
 
@@ -154,13 +151,3 @@ def _read_makehuman(path: str | os.PathLike, V: np.ndarray | None) -> Parts:
         return Parts(skeleton=skeleton)
     note = f"it names {Path(weights).name}, which lies beside it, for its weights"
     return Parts(skeleton=skeleton, influences=read_mhw(weights, skeleton.names), notes=(note,))
-
-
-def _is_body_model(path: str | os.PathLike) -> bool:
-    """Whether a `.npz` file names the arrays of the SMPL family; what is no archive is left to `read_weights`."""
-    data = file_bytes(path)
-    try:
-        with zipfile.ZipFile(BytesIO(data)) as archive:
-            return "v_template.npy" in archive.namelist()
-    except (zipfile.BadZipFile, struct.error, ValueError, OSError, RuntimeError):
-        return False

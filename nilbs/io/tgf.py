@@ -12,9 +12,9 @@ from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
 from nilbs.io.names import listed
+from nilbs.io.words import finite_numbers
 
 _INDEX = re.compile(rb"\d{1,9}")
-_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 def read_tgf(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +55,7 @@ def read_tgf(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
            [1, 2]])
     """
     joints: dict[int, int] = {}
-    C: list[list[float]] = []
+    C: list[np.ndarray] = []
     BE: list[list[int]] = []
     lines: list[int] = []
     section = 0
@@ -178,13 +178,10 @@ def _shared_joints(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([C[BE[:, 1]], C[starts]]), bones
 
 
-def _joint(path: str | os.PathLike, words: list[bytes], line: int) -> tuple[int, list[float]]:
+def _joint(path: str | os.PathLike, words: list[bytes], line: int) -> tuple[int, np.ndarray]:
     if len(words) < 4 or not _INDEX.fullmatch(words[0]):
         raise FileFormatError(path, "a joint needs an index and three coordinates", line)
-    position = [float(word) if _NUMBER.fullmatch(word) else np.nan for word in words[1:4]]
-    if not np.isfinite(position).all():
-        raise FileFormatError(path, "a joint's coordinates must be three finite numbers", line)
-    return int(words[0]), position
+    return int(words[0]), finite_numbers(path, words[1:4], [line])[0]
 
 
 def _bone(path: str | os.PathLike, words: list[bytes], joints: dict[int, int], line: int) -> list[int]:

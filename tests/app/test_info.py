@@ -286,7 +286,8 @@ def test_a_group_of_a_mesh_in_other_formats(tmp_path, succeeds, fails, suffix):
         ),
         (CUBE, np.concatenate([CUBE_F[:1, ::-1], CUBE_F[1:]]), "clean solid once vertices at one place are joined"),
         (CUBE, CUBE_F[1:], "not a clean solid (1 hole): weights will be solved in a wrapped volume"),
-        (CUBE, np.concatenate([CUBE_F[:1], CUBE_F[:1, ::-1]]), "not a clean solid (no facet encloses anything)"),
+        (CUBE, np.concatenate([CUBE_F[:1], CUBE_F[:1, ::-1]]), "not a clean solid (1 hole): weights will be solved"),
+        (CUBE[[7, 7, 7]], [[0, 1, 2]], "not a clean solid (no facet encloses anything)"),
         (CUBE[:, :2] + CUBE[:, 2:] * [5, 0], [[0, 2, 4]], "flat: its own triangles are the domain of the weights"),
     ],
 )

@@ -296,7 +296,7 @@ def test_a_smooth_motion_has_its_amplitude_and_loops(d: int) -> None:
 
 
 def test_a_motion_of_no_frames_no_amplitude_or_a_negative_one(rng: np.random.Generator) -> None:
-    assert smooth_random_rotations(P, 3, 0, rng=rng).shape == (0, 5, 3)
+    assert smooth_random_rotations(P, 3, 0, amplitude=0.4, rng=rng).shape == (0, 5, 3)
     assert (smooth_random_rotations(P, 3, 4, amplitude=0.0, rng=rng) == 0).all()
     with pytest.raises(ValueError, match=r"^amplitude must not be negative, got -0.1$"):
         smooth_random_rotations(P, 3, 4, amplitude=-0.1, rng=rng)

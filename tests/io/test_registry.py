@@ -30,10 +30,11 @@ def test_an_archive_with_a_template_is_a_body_model(tmp_path):
 
 
 @pytest.mark.parametrize("data", [b"PK\x05\x06 and no archive", b"\x00"])
-def test_what_is_no_archive_is_left_to_the_reader_of_weights(tmp_path, data):
+def test_what_is_no_archive_is_named(tmp_path, data):
     path = tmp_path / "a.npz"
     path.write_bytes(data)
-    assert kind_of(path) == "weights"
+    with pytest.raises(FileFormatError, match=r"a\.npz: damaged \.npz file"):
+        kind_of(path)
 
 
 def test_an_empty_archive_is_named(tmp_path):
