@@ -19,6 +19,8 @@ from nilbs.geometry.wrap import wrap, wrapping_surface
 # Weights are smooth, so a volume of some ten thousand vertices tells them; factorising grows with the square of that.
 SURFACE_LIMIT = 10_000  # vertices; a surface with more is decimated
 DECIMATED = 10_000  # facets
+SPACING = 0.023  # of the diagonal: edge of the elements inside a slender body
+ELEMENTS = 25_000  # inside a bulky one, whose elements are larger
 LONGEST_EDGE = 0.05  # of the diagonal; a surface of few triangles with longer edges is refined
 RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second where the first cannot be filled
 BLOCKS = 56  # cells along the longest edge of the blocks that stand in where nothing finer can be filled
@@ -163,7 +165,7 @@ def _spatial(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
         notes += note
         try:
             inner = points[_well_inside(V_closed, F_closed, points)]
-            V_volume, T = conforming_tetrahedra(V_closed, F_closed, inner)
+            V_volume, T = conforming_tetrahedra(V_closed, F_closed, inner, spacing=_spacing(V_closed, F_closed))
         except ValueError:
             continue
         if not element_volumes(V_volume, T).min(initial=1) > SMALLEST_VOLUME:
@@ -191,6 +193,11 @@ def _closed_surfaces(V: np.ndarray, F: np.ndarray) -> Iterator[tuple[np.ndarray,
     for resolution in RESOLUTIONS:
         yield *decimated(*wrapping_surface(V, F, resolution=resolution), DECIMATED), said
         said = ["a coarser wrap was needed"]
+
+
+def _spacing(V: np.ndarray, F: np.ndarray) -> float:
+    # A regular tetrahedron with edge h has the volume h^3 / sqrt(72).
+    return max(SPACING, float(np.cbrt(np.sqrt(72) * abs(enclosed_volume(V, F)) / ELEMENTS)))
 
 
 def _refined(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,9 +21,11 @@ NOWHERE = np.zeros((0, 3))
 WRAPPED = "the mesh is not a clean solid ({}): weights are solved in a volume wrapped around it"
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wraps and blocks that are made in a moment."""
+    """Fewer elements than weights want, and wraps that are made in a moment: what is tested does not depend on them."""
+    monkeypatch.setattr("nilbs.geometry.domain.SPACING", 0.08)
+    monkeypatch.setattr("nilbs.geometry.domain.ELEMENTS", 2000)
     monkeypatch.setattr("nilbs.geometry.domain.RESOLUTIONS", (36, 24))
     monkeypatch.setattr("nilbs.geometry.domain.BLOCKS", 20)
 
@@ -37,11 +39,11 @@ def refuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
     def arrange(times: int) -> list[int]:
         asked: list[int] = []
 
-        def refusing(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def refusing(V: np.ndarray, F: np.ndarray, *rest: object, **options: float) -> tuple[np.ndarray, np.ndarray]:
             asked.append(len(F))
             if len(asked) <= times:
                 raise ValueError("TetGen could not fill the surface")
-            return fill(V, F, points)
+            return fill(V, F, *rest, **options)
 
         monkeypatch.setattr(tetrahedra, "conforming_tetrahedra", refusing)
         return asked
@@ -49,7 +51,7 @@ def refuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
     return arrange
 
 
-def ball(cells: int = 12) -> tuple[np.ndarray, np.ndarray]:
+def ball(cells: int = 20) -> tuple[np.ndarray, np.ndarray]:
     grid = Grid.cube(np.array([[-1.0] * 3, [1.0] * 3]), cells)
     return isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
 
@@ -68,18 +70,31 @@ def turned(F: np.ndarray) -> set[tuple[int, ...]]:
 
 
 def test_a_clean_solid_is_kept_as_it_is_and_holds_the_points_inside() -> None:
-    inside = np.array([[0.2, 0.3, 0.4], [0.7, 0.5, 0.5]])
-    outside, on_the_skin = np.array([[1.5, 0.5, 0.5]]), np.array([[0.5, 0.5, 0.9995]])
-    domain = volume_domain(CUBE, CUBE_F, np.concatenate([outside, inside, on_the_skin]))
+    V, F = ball()
+    inside = np.array([[0.2, 0.3, 0.4], [0.1, -0.2, 0.0]])
+    outside, on_the_skin = np.array([[1.5, 0.5, 0.5]]), V[F].mean(axis=1)[:1] * 0.9995
+    domain = volume_domain(V, F, np.concatenate([outside, inside, on_the_skin]))
+    n = len(V)
     assert domain.notes == ()
-    assert domain.surface == 8
-    np.testing.assert_allclose(domain.V[:8], CUBE, atol=1e-12)
-    np.testing.assert_allclose(domain.V[8:10], inside, atol=1e-12)
-    assert set(range(10)) <= set(domain.T.ravel().tolist())
-    assert assert_sound(domain) == pytest.approx(1)
-    assert turned(boundary_facets(domain.T)) == turned(CUBE_F)
+    assert domain.surface == n
+    np.testing.assert_allclose(domain.V[:n], V, atol=1e-8)
+    np.testing.assert_allclose(domain.V[n : n + 2], inside, atol=1e-8)
+    assert set(range(n + 2)) <= set(domain.T.ravel().tolist())
+    assert assert_sound(domain) == pytest.approx(enclosed_volume(V, F))
+    assert turned(boundary_facets(domain.T)) == turned(F)
     for point in np.concatenate([outside, on_the_skin]):
-        assert np.linalg.norm(domain.V - point, axis=1).min() > 1e-3
+        assert np.linalg.norm(domain.V - point, axis=1).min() > 1e-4
+
+
+def test_a_surface_of_few_triangles_is_refined() -> None:
+    domain = volume_domain(CUBE, CUBE_F, np.array([[0.5, 0.5, 0.5]]))
+    assert domain.notes == ()
+    np.testing.assert_allclose(domain.V[:8], CUBE, atol=1e-8)
+    assert assert_sound(domain) == pytest.approx(1)
+    skin = domain.V[boundary_facets(domain.T)]
+    assert np.linalg.norm(skin - np.roll(skin, 1, axis=1), axis=2).max() < 0.1 * np.sqrt(3)
+    # Bulky bodies have larger elements, so that no body has too many.
+    assert len(domain.V) < 20_000
 
 
 @pytest.mark.parametrize(("scale", "shift"), [(1e-6, 0.0), (1e6, 0.0), (1.0, 1e5)])
@@ -124,7 +139,7 @@ def test_a_large_clean_surface_is_decimated(monkeypatch: pytest.MonkeyPatch) -> 
     assert assert_sound(domain) == pytest.approx(enclosed_volume(V, F), rel=0.03)
 
 
-def test_a_surface_with_a_hole_is_wrapped(coarse: None) -> None:
+def test_a_surface_with_a_hole_is_wrapped() -> None:
     V, F = ball()
     point = np.array([[0.1, 0.0, 0.2]])
     domain = volume_domain(V, F[V[F].mean(axis=1)[:, 2] < 0.8], point)
@@ -132,17 +147,17 @@ def test_a_surface_with_a_hole_is_wrapped(coarse: None) -> None:
     assert assert_sound(domain) == pytest.approx(enclosed_volume(V, F), rel=0.1)
     # The wrap is a clean solid of its own, and holds the point.
     assert not solid_defects(domain.V, boundary_facets(domain.T))
-    assert np.linalg.norm(domain.V - point, axis=1).min() < 1e-12
+    assert np.linalg.norm(domain.V - point, axis=1).min() < 1e-8
 
 
-def test_two_bodies_that_cross_are_wrapped_into_one(coarse: None) -> None:
+def test_two_bodies_that_cross_are_wrapped_into_one() -> None:
     V, F = np.concatenate([CUBE, CUBE + np.array([0.5, 0.31, 0.42])]), np.concatenate([CUBE_F, CUBE_F + 8])
     domain = volume_domain(V, F, NOWHERE)
     assert "self-intersection" in domain.notes[0]
     assert assert_sound(domain) == pytest.approx(2 - 0.5 * 0.69 * 0.58, rel=0.05)
 
 
-def test_every_fallback_in_turn(coarse: None, refuse: Callable[[int], list[int]], monkeypatch) -> None:
+def test_every_fallback_in_turn(refuse: Callable[[int], list[int]], monkeypatch) -> None:
     monkeypatch.setattr("nilbs.geometry.domain.SURFACE_LIMIT", 10)
     monkeypatch.setattr("nilbs.geometry.domain.DECIMATED", 500)
     V, F = ball(20)
@@ -164,11 +179,11 @@ def test_every_fallback_in_turn(coarse: None, refuse: Callable[[int], list[int]]
     assert occupancy(domain.V, boundary_facets(domain.T), V).all()
 
 
-def test_slivers_are_not_solved_on(coarse: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slivers_are_not_solved_on(monkeypatch: pytest.MonkeyPatch) -> None:
     fill, times = tetrahedra.conforming_tetrahedra, []
 
-    def flattening(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        V_volume, T = fill(V, F, points)
+    def flattening(*given: np.ndarray, **options: float) -> tuple[np.ndarray, np.ndarray]:
+        V_volume, T = fill(*given, **options)
         times.append(len(T))
         return (V_volume, np.concatenate([T, T[:1, [0, 1, 2, 2]]])) if len(times) == 1 else (V_volume, T)
 
@@ -187,7 +202,7 @@ def test_a_solid_that_faces_inward_is_turned(which: slice) -> None:
     assert assert_sound(domain) == pytest.approx(1)
 
 
-def test_a_clean_solid_that_cannot_be_filled_is_wrapped(coarse: None, refuse: Callable[[int], list[int]]) -> None:
+def test_a_clean_solid_that_cannot_be_filled_is_wrapped(refuse: Callable[[int], list[int]]) -> None:
     V, F = ball()
     asked = refuse(1)
     domain = volume_domain(V, F, NOWHERE)

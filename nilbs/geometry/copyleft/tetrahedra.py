@@ -13,7 +13,7 @@ from nilbs.geometry.volume import element_volumes
 
 
 def conforming_tetrahedra(
-    V: np.ndarray, F: np.ndarray, points: np.ndarray, *, spacing: float = 0.023
+    V: np.ndarray, F: np.ndarray, points: np.ndarray, *, spacing: float = 0.03
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fill a closed surface with tetrahedra that have vertices at given points.
 
