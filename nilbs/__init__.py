@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from nilbs.character import assemble as assemble
     from nilbs.evaluation import evaluate as evaluate
     from nilbs.fitting import fit as fit
+    from nilbs.geometry.skeleton import Skeleton as Skeleton
     from nilbs.loading import load_character as load_character
     from nilbs.model import Model as Model
     from nilbs.model import load_model as load_model
@@ -20,13 +21,16 @@ if TYPE_CHECKING:
     from nilbs.motion import read_motion as read_motion
     from nilbs.saving import save_character as save_character
     from nilbs.settings import Settings as Settings
+    from nilbs.weighting import solve_weights as solve_weights
 
 _HOMES = {
     "Character": "character",
     "assemble": "character",
+    "Skeleton": "geometry.skeleton",
     "load_character": "loading",
     "evaluate": "evaluation",
     "Model": "model",
+    "solve_weights": "weighting",
     "fit": "fitting",
     "load_model": "model",
     "Settings": "settings",

@@ -59,7 +59,7 @@ def read_mhskel(path: str | os.PathLike, V: np.ndarray) -> Skeleton:
     used: dict[str, int] = {}
     BE, P = np.zeros((len(bones), 2), dtype=np.int64), np.full(len(bones), -1)
     for bone, (name, parts) in enumerate(bones.items()):
-        # Half of a pair of code units can stand in JSON, and in no file or terminal.
+        # Line ends and control characters would break the files and the tables that names are written to.
         if not name.isprintable():
             raise FileFormatError(path, f"the name {name[:60]!r} holds characters that cannot be shown")
         for side, key in enumerate(("head", "tail")):

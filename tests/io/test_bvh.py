@@ -2,7 +2,7 @@ from time import perf_counter
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nilbs.geometry.kinematics import forward_kinematics
@@ -11,14 +11,6 @@ from nilbs.geometry.skeleton import Skeleton
 from nilbs.io import FileFormatError
 from nilbs.io.bvh import read_bvh, write_bvh
 from nilbs.io.parts import Clip
-
-few = settings(
-    max_examples=60,
-    deadline=None,
-    database=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
 
 
 @pytest.fixture
@@ -383,7 +375,6 @@ def test_what_the_file_cannot_hold(tmp_path):
     assert "'  two  words ' became '_two_words_'" in note
 
 
-@few
 @given(data=st.data())
 def test_anything_is_read_or_refused(bvh, data):
     content = bytearray(WALK.encode())

@@ -5,7 +5,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nilbs.io import (
@@ -25,13 +25,6 @@ from nilbs.io import (
     write_weights,
 )
 
-few = settings(
-    max_examples=25,
-    deadline=None,
-    database=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
-)
 NAMES = ["bone0", "bone1"]
 
 
@@ -172,14 +165,14 @@ def form(request, tmp_path):
     return read, path, path.read_bytes(), words
 
 
-@few
+@settings(max_examples=25)
 @given(content=st.binary(max_size=300))
 def test_any_bytes(form, content):
     read, path, _, _ = form
     refused_or_read(read, path, content)
 
 
-@few
+@settings(max_examples=25)
 @given(data=st.data())
 def test_a_good_file_damaged(form, data):
     read, path, good, _ = form
@@ -191,7 +184,7 @@ def test_a_good_file_damaged(form, data):
     refused_or_read(read, path, damaged)
 
 
-@few
+@settings(max_examples=25)
 @given(data=st.data())
 def test_the_right_words_in_any_order(form, data):
     read, path, good, words = form
@@ -212,7 +205,7 @@ def test_cut_anywhere(form):
 TYPES = {"uchar": "B", "char": "b", "short": "h", "uint": "I", "float": "f", "double": "d"}
 
 
-@few
+@settings(max_examples=25)
 @given(data=st.data())
 def test_binary_ply_of_any_layout(tmp_path, data):
     kinds = st.sampled_from(sorted(TYPES))
@@ -243,7 +236,7 @@ VALUES = st.recursive(
 )
 
 
-@few
+@settings(max_examples=25)
 @given(motion=VALUES | st.fixed_dictionaries({"frames": st.lists(VALUES, max_size=3)}))
 @pytest.mark.parametrize("d", [2, 3])
 def test_any_json(tmp_path, motion, d):

@@ -4,20 +4,12 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nilbs.io import FileFormatError
 from nilbs.io.mesh import read_mesh_parts
 from nilbs.io.parts import select_group
-
-few = settings(
-    max_examples=40,
-    deadline=None,
-    database=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
-)
 
 OBJ = "o body\nv 0 0 1\nv 1 0 0\nv 0 1 0\nv 1 1 1 0.5 0.5 0.5\ng a b\nf 1/1 2/2 3\ng\nf 1 2 -1 3\n"
 OFF = "COFF\n4 2 0\n0 0 1 1 1 1 1\n1 0 0 1 1 1 1\n1 1 0 1 1 1 1\n0 1 0 1 1 1 1\n3 0 1 2\n4 0 1 2 3 255 0 0\n"
@@ -72,13 +64,13 @@ def form(request, tmp_path):
     return path, good, words
 
 
-@few
+@settings(max_examples=40)
 @given(content=st.binary(max_size=300))
 def test_any_bytes(form, content):
     read_or_refused(form[0], content)
 
 
-@few
+@settings(max_examples=40)
 @given(data=st.data())
 def test_a_good_file_damaged(form, data):
     path, good, _ = form
@@ -90,7 +82,7 @@ def test_a_good_file_damaged(form, data):
     read_or_refused(path, bytes(damaged))
 
 
-@few
+@settings(max_examples=40)
 @given(data=st.data())
 def test_the_right_words_in_any_order(form, data):
     path, good, words = form
@@ -107,7 +99,7 @@ def test_cut_anywhere(form):
         read_or_refused(path, good[:end])
 
 
-@few
+@settings(max_examples=40)
 @given(data=st.data())
 def test_any_polygons(tmp_path, data):
     """On a small lattice, where corners coincide, sides overlap and polygons cross themselves all the time."""

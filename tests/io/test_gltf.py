@@ -7,7 +7,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nilbs.geometry.rotations import transform_points
@@ -787,10 +787,6 @@ def test_containers_that_lie(tmp_path, name, content, match):
     refused(tmp_path, content, match, name)
 
 
-few = settings(max_examples=60, deadline=None, database=None, derandomize=True,
-               suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])  # fmt: skip
-
-
 def check(path, content):
     path.unlink(missing_ok=True)
     path.write_bytes(content)
@@ -804,7 +800,6 @@ def check(path, content):
     assert all(np.isfinite(clip.B).all() for clip in parts.clips)
 
 
-@few
 @given(data=st.data())
 def test_any_bytes_in_a_good_file(character, tmp_path, data):
     content = bytearray(character.glb())
@@ -826,7 +821,6 @@ def places(value, path=()):
         yield from places(below, (*path, key))
 
 
-@few
 @given(data=st.data())
 def test_any_values_in_a_good_file(character, tmp_path, data):
     file = character

@@ -2,19 +2,11 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nilbs.io import FileFormatError, read_mesh
 from nilbs.io.makehuman import read_mhskel, read_mhw, weights_file
-
-few = settings(
-    max_examples=60,
-    deadline=None,
-    database=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
 
 V = np.array([[0, 0, 0], [1, 0, 0], [1, 2, 0], [0, 0, 9.0]])
 
@@ -88,7 +80,8 @@ def changed(*keys, value):
         (changed("bones", "arm", "parent", value=["eye"]), ": bone 'arm' needs a parent"),
         (changed("bones", "arm", "parent", value="hand"), "is its own ancestor"),
         (changed("bones", "arm", "parent", value="arm"), ": bone 'arm' is its own ancestor"),
-        (changed("bones", "\ud800", value={}), ": the name '\\ud800' holds characters that cannot be shown"),
+        (changed("bones", "a\nb", value={}), ": the name 'a\\nb' holds characters that cannot be shown"),
+        (changed("bones", "\ud800", value={}), ": this JSON cannot be used: "),
         (changed("joints", "wrist", value=[]), ": joint 'wrist' needs a list of vertices"),
         (changed("joints", "wrist", value=3), ": joint 'wrist' needs a list of vertices"),
         (changed("joints", "wrist", value=[1, True]), ": joint 'wrist' needs a list of vertices"),
@@ -138,7 +131,7 @@ def test_what_is_no_weights(mhw, content, message):
     assert message in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["a.mhw", "../a.mhw", "/etc/passwd", "", ".", "x\0", "\ud800", 3, None])
+@pytest.mark.parametrize("name", ["a.mhw", "../a.mhw", "/etc/passwd", "", ".", "x\0", 3, None])
 def test_only_a_file_beside_the_skeleton_is_named(tmp_path, name):
     (tmp_path / "rig").mkdir()
     path = tmp_path / "rig" / "a.mhskel"
@@ -156,7 +149,6 @@ VALUES = st.recursive(
 )
 
 
-@few
 @given(data=st.data())
 def test_any_json_is_read_or_refused(mhskel, mhw, data):
     content = skeleton()

@@ -1,19 +1,11 @@
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io import FileFormatError
 from nilbs.io.rignet import read_rignet, write_rignet
-
-few = settings(
-    max_examples=60,
-    deadline=None,
-    database=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
 
 
 @pytest.fixture
@@ -211,7 +203,6 @@ def test_names_that_the_file_cannot_hold(tmp_path):
 WORDS = ["joints", "root", "skin", "hier", "a", "b", "b_end", "0", "1", "-1", "nan", "1e999", "\n", "\n", "\n"]
 
 
-@few
 @given(
     data=st.lists(st.sampled_from(WORDS), max_size=40).map(lambda words: " ".join(words).encode()) | st.binary(),
     good=st.booleans(),

@@ -1,20 +1,12 @@
 import numpy as np
 import pytest
 import scipy.sparse
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from nilbs.io import FileFormatError
 from nilbs.io.npz import NpzFile
 from nilbs.io.smpl import read_smpl
-
-few = settings(
-    max_examples=60,
-    deadline=None,
-    database=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
 
 
 def body(rng, b=4, n=9):
@@ -136,7 +128,6 @@ def test_what_is_no_body(smpl, rng, changed, message):
     assert f"body.npz: {message}" in str(caught.value)
 
 
-@few
 @given(data=st.data())
 def test_a_damaged_file_is_read_or_refused(smpl, tmp_path, data):
     path = tmp_path / "body.npz"
@@ -159,7 +150,6 @@ def test_a_damaged_file_is_read_or_refused(smpl, tmp_path, data):
 SHAPES = st.sampled_from([(0,), (1,), (4,), (2, 4), (4, 9), (9, 4), (9, 3), (4, 3), (3, 3, 3)])
 
 
-@few
 @given(data=st.data())
 def test_any_arrays_are_read_or_refused(smpl, data):
     arrays = body(np.random.default_rng(0)) | {name: value for name, value in sparse().items() if value is not None}
