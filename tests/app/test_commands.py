@@ -97,7 +97,7 @@ def test_weights_as_a_table(assets, nilbs):
             ["train", "bar2.obj", "bar.tgf", "--weights", "bar2-weights.npz", "--solve", "-o", "out/m.nilbs"],
             "weights are solved for or read from {}/bar2-weights.npz, not both",
         ),
-        (["train", "bar2.obj", "bar.tgf", "--motion", "bar2.obj", "-o", "out/m.nilbs"], "the name of a motion's file"),
+        (["train", "bar2.obj", "bar.tgf", "--motion", "bar2.obj", "-o", "out/m.nilbs"], "the file name must end in"),
         (["query", "bar2.nilbs", "x3.npy", "--frame", "0", "-o", "out/v.npy"], "x3.npy: points must be (n, 2)"),
         (
             ["query", "bar2.nilbs", "x2.npy", "--frame", "3", "-o", "out/v.npy"],
