@@ -1,9 +1,8 @@
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import numpy as np
 import pytest
 
-from nilbs.geometry.copyleft import tetrahedra
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.isosurface import isosurface
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
@@ -17,8 +16,8 @@ JOINTS = np.array([[-0.7, 0, 0], [-0.2, 0.02, 0], [0.2, 0, 0.03], [0.7, 0, 0]])
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Volumes that are solved in a moment."""
-    fill = partial(tetrahedra.conforming_tetrahedra, spacing=0.06)
-    monkeypatch.setattr(tetrahedra, "conforming_tetrahedra", fill)
+    monkeypatch.setattr("nilbs.geometry.domain.SPACING", 0.06)
+    monkeypatch.setattr("nilbs.geometry.domain.ELEMENTS", 6000)
     monkeypatch.setattr("nilbs.geometry.domain.RESOLUTIONS", (48,))
     monkeypatch.setattr("nilbs.geometry.domain.DECIMATED", 3000)
 
