@@ -1,5 +1,6 @@
 """Weights of a damaged mesh are nearly those of the mesh before, and neither unit nor place changes them."""
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -35,12 +36,20 @@ def difference(W: np.ndarray, other: np.ndarray) -> np.ndarray:
     return 0.5 * np.abs(W - other).sum(axis=1)
 
 
+@lru_cache
+def reference(data: Path, name: str, damage: bool) -> tuple[Mesh, Skeleton, np.ndarray]:
+    """A real mesh, damaged or not, its bones and its weights."""
+    mesh, bones = real(data, name)
+    if damage:
+        mesh = damaged(mesh, np.random.default_rng(0))
+    return mesh, bones, solve_weights(*mesh, bones).W
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("name", ["elephant", "arm"])
 def test_weights_of_a_damaged_mesh(data: Path, name: str, seed: int) -> None:
-    (V, F), bones = real(data, name)
-    clean = solve_weights(V, F, bones).W
+    (V, F), bones, clean = reference(data, name, False)
     V_damaged, F_damaged = damaged((V, F), np.random.default_rng(seed))
     assert pieces(F_damaged) >= 3
     assert misoriented_edges(F_damaged) > 0.05 * len(F)
@@ -87,10 +96,7 @@ def test_from_end_to_end_neither_unit_nor_place_changes_weights(d: int, scale: f
 def test_real_meshes_in_another_unit_and_place(
     data: Path, name: str, damage: bool, scale: float, offset: float
 ) -> None:
-    (V, F), bones = real(data, name)
-    if damage:
-        V, F = damaged((V, F), np.random.default_rng(0))
+    (V, F), bones, W = reference(data, name, damage)
     shift = offset * np.linalg.norm(np.ptp(V, axis=0))
-    W = solve_weights(V, F, bones).W
     moved = solve_weights(scale * (V + shift), F, skeleton(scale * (bones.C + shift), bones.BE, bones.P)).W
     assert difference(moved, W).mean() <= 0.02
