@@ -9,6 +9,7 @@ import resource
 import sys
 import tempfile
 import time
+import warnings
 from pathlib import Path
 from random import Random
 
@@ -23,6 +24,7 @@ SECONDS = 5.0  # of processor time that reading one file may take
 
 def fuzz(name: str, folder: Path, found: Path, seconds: int) -> None:
     """Never returns: libFuzzer ends the process."""
+    warnings.simplefilter("ignore")  # of what changes files; those of readers are errors
 
     def one(content: bytes) -> None:
         # Beyond what is taken already: the fuzzer's own tables grow by a kilobyte a run.

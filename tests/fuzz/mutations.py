@@ -103,7 +103,7 @@ def npy(data: bytes, rng: Random, mutate: Bytes) -> bytes:
     except Exception:  # whatever is wrong with it: it is only bytes then
         return mutate(data)
     choice = rng.randrange(8)
-    if choice == 0:
+    if choice == 0 or A.dtype.kind not in "biuf":
         return mutate(data)
     if choice == 1:
         start, end = 10, data.find(b"\n", 10) + 1 or len(data)

@@ -63,6 +63,11 @@ def _motion(path: Path) -> object:
     return dataclasses.replace(motion, given=given[~np.isnan(given)])  # NaN says that there is no transform
 
 
+def _archive(path: Path) -> object:
+    arrays, settings = read_archive(path, kind=ARCHIVE)
+    return list(arrays), settings  # a training that diverges leaves numbers that are not finite
+
+
 READERS = {
     "obj": Reader(".obj", read_mesh_parts, mutations.words),
     "ply": Reader(".ply", read_mesh_parts, mutations.words),
@@ -81,7 +86,7 @@ READERS = {
     "bvh": Reader(".bvh", read_bvh, mutations.words),
     "gltf": Reader(".gltf", read_gltf, mutations.gltf),
     "glb": Reader(".glb", read_gltf, mutations.glb),
-    "archive": Reader(".nilbs", lambda path: read_archive(path, kind=ARCHIVE), mutations.archive),
+    "archive": Reader(".nilbs", _archive, mutations.archive),
 }
 
 
