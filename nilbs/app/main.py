@@ -54,6 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     >>> main(["info", "no-such-file.obj"])
     2
     """
+    _open_output()
     words = list(sys.argv[1:] if argv is None else argv)
     args = _parser(words).parse_args(words)
     try:
@@ -114,6 +115,16 @@ def _tell(message: str, prefix: str = "nilbs: error: ") -> None:
     with suppress(OSError):  # nobody is left to be told
         sys.stderr.write(prefix + " ".join(message.split()) + "\n")
         sys.stderr.flush()
+
+
+def _open_output() -> None:
+    """Let both outputs take whatever is written: one that is closed, and letters that the terminal's code lacks."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115 (for the whole process)
+        elif getattr(stream, "errors", None) == "strict" and hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _drop_output() -> None:

@@ -120,6 +120,24 @@ def test_a_full_disk_behind_standard_output(assets):
     assert (done.returncode, done.stderr) == (2, "nilbs: error: standard output: No space left on device\n")
 
 
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
+def test_a_closed_output_is_written_to_in_vain(assets, closed):
+    words = f'"{sys.executable}" -m nilbs weights "{assets}/bar2.obj" "{assets}/bar.tgf" --json {closed}'
+    done = subprocess.run(words, shell=True, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("{") == (closed == "2>&-")
+
+
+def test_a_name_that_the_terminal_has_no_letters_for(assets, tmp_path):
+    path = tmp_path / "köper.tgf"
+    path.write_bytes((assets / "bar.tgf").read_bytes())
+    words = [sys.executable, "-m", "nilbs", "info", str(path)]
+    ascii_only = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, env=ascii_only)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "k\\xf6per.tgf" in done.stdout
+
+
 def test_ctrl_c(tmp_path):
     code = (
         "import signal, sys, time; from nilbs.app import info, main; signal.signal(signal.SIGINT, "
