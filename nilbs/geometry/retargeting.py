@@ -178,7 +178,7 @@ def guess_bone_map(source: Skeleton, target: Skeleton) -> dict[str, str]:
         }
     if not pairs:
         raise ValueError(
-            f"no bone of the motion has a name that fits a bone of the character: the motion moves "
+            f"the names do not tell which bone of the motion moves which of the character: the motion moves "
             f"{_listed(source.names)}, the character has {_listed(target.names)}. Say which belong together in a bone "
             f'map, a JSON file such as {{"{target.names[0]}": "{source.names[0]}"}}'
         )

@@ -110,7 +110,7 @@ def npy_array(path: str | os.PathLike, data: bytes, name: str) -> np.ndarray:
     header = _NPY_HEADER.fullmatch(data[start : min(end, 2**16)].decode("latin-1"))
     if not data.startswith(b"\x93NUMPY") or not header:
         objects = b"'descr': '|O'" in data[start : start + 99]
-        message = " but a pickle, which is never read: save the numbers themselves with numpy.savez" if objects else ""
+        message = " but a pickle, which is never read: save an array of plain numbers" if objects else ""
         raise FileFormatError(path, f"{name} is not a plain array of numbers{message}")
     try:
         kind = np.dtype(header[1])

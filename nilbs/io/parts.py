@@ -95,7 +95,8 @@ class Influences:
         for name, index, size in (("vertex", self.vertex, n), ("bone", self.bone, b)):
             bad = np.flatnonzero((index < 0) | (index >= size))
             if len(bad):
-                raise FileFormatError(path, f"a weight of {name} {index[bad[0]]}, but there are only {size}")
+                other = ": it is of another mesh" if name == "vertex" else ""
+                raise FileFormatError(path, f"a weight of {name} {index[bad[0]]}, but there are only {size}{other}")
         W = np.zeros((n, b))
         np.add.at(W, (self.vertex, self.bone), self.weight)
         return W

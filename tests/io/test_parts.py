@@ -15,8 +15,8 @@ def test_weights_that_are_named_twice_count_with_their_sum() -> None:
 @pytest.mark.parametrize(
     ("vertex", "bone", "message"),
     [
-        ([0, 4], [0, 0], "a.txt: a weight of vertex 4, but there are only 4"),
-        ([0, -1], [0, 0], "a.txt: a weight of vertex -1, but there are only 4"),
+        ([0, 4], [0, 0], "a.txt: a weight of vertex 4, but there are only 4: it is of another mesh"),
+        ([0, -1], [0, 0], "a.txt: a weight of vertex -1, but there are only 4: it is of another mesh"),
         ([0, 0], [2, 0], "a.txt: a weight of bone 2, but there are only 2"),
         ([0, 0], [0, -3], "a.txt: a weight of bone -3, but there are only 2"),
     ],
