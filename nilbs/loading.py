@@ -199,7 +199,7 @@ def fit_together(
             report(f"{path}: {note}")
     mesh, skeleton = from_mesh.mesh, from_rig.skeleton
     if mesh is None:
-        raise FileFormatError(mesh_path, "the file holds no mesh")
+        raise FileFormatError(mesh_path, "the file holds no mesh: give the mesh first, then the rig")
     if skeleton is None:
         what = "no rig: give its file after the mesh" if rig_path == mesh_path else "no rig"
         raise FileFormatError(rig_path, f"the file holds {what}")

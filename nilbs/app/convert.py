@@ -48,10 +48,14 @@ def run(args: argparse.Namespace) -> None:
 
     if args.write_map is not None:
         check_suffix(args.write_map, ".json")
-        check_writable(args.write_map)
+        check_writable(args.write_map, inputs=[*args.inputs, *([] if args.map is None else [args.map])])
+    for path in args.output:
+        check_writable(path, inputs=args.inputs)
     notes: list[str] = []
+    mapped: list[str] = []
 
     def motion_for(path: str, skeleton: "Skeleton") -> "Motion":
+        mapped.append(path)
         if args.write_map is not None:
             _write_guess(args.write_map, path, args.clip, skeleton)
         return read_motion(path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append)
@@ -64,6 +68,14 @@ def run(args: argparse.Namespace) -> None:
         solve=args.solve,
         report=notes.append,
     )
+    for option, value, serves, what in (
+        ("--group", args.group, inputs.mesh is not None, "a mesh"),
+        ("--clip", args.clip, bool(inputs.clips), "a motion"),
+        ("--map", args.map, bool(mapped), "a motion for another rig"),
+        ("--write-map", args.write_map, bool(mapped), "a motion for another rig"),
+    ):
+        if value is not None and not serves:
+            raise ValueError(f"{option} is for {what}, and no file brings one")
     written = write_files(args.output, mesh=inputs.mesh, skeleton=inputs.skeleton, W=inputs.W, clips=inputs.clips)
     sizes = inputs.sizes()
     notes += [f"{file.path}: {note}" for file in written for note in file.notes]

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.model import load_model
 
     check_suffix(args.output, ".npy")
-    check_writable(args.output)
+    check_writable(args.output, inputs=[args.points])
     x = read_npy(args.points)
     model = load_model(args.model)
     d = model.character.d

@@ -68,13 +68,14 @@ def run(args: argparse.Namespace) -> None:
     if args.motion is not None and args.amplitude is not None:
         raise ValueError("--amplitude is of random motion: it cannot stand beside --motion")
     check_motion_options(args)
+    start = perf_counter()
+    rigged = read_rigged_mesh(args.mesh, args.rig, args.weights, group=args.group, solve=args.solve, report=tell)
+    given = None if args.motion is None else motion_of_file(args, rigged.skeleton).take(args.frames)
+    # Torch takes seconds to import: files that do not fit are told before.
     from nilbs.fitting import fit, remove_checkpoint
     from nilbs.model import torch_device
 
     device = torch_device(args.device)
-    start = perf_counter()
-    rigged = read_rigged_mesh(args.mesh, args.rig, args.weights, group=args.group, solve=args.solve, report=tell)
-    given = None if args.motion is None else motion_of_file(args, rigged.skeleton).take(args.frames)
     character = rigged.assemble(progress=True, report=tell)
     motion = _random_motion(args, character) if given is None else given
     checkpoint = f"{args.output}.checkpoint"

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
 
     if args.output is not None:
         check_suffix(args.output, ".npz", ".dmat")
-        check_writable(args.output)
+        check_writable(args.output, inputs=[file for file in (args.mesh, args.rig) if file is not None])
     notes: list[str] = []
 
     def noted(line: str) -> None:

@@ -2,7 +2,7 @@
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -64,13 +64,19 @@ def replacing(path: str | os.PathLike, mode: str = "wb") -> Iterator[Any]:
                 os.unlink(written)
 
 
-def check_writable(path: str | os.PathLike) -> None:
+def check_writable(path: str | os.PathLike, *, inputs: Iterable[str | os.PathLike] = ()) -> None:
     """Check that a file can be written, before the work that it is to hold.
+
+    Parameters
+    ----------
+    path : str or path
+    inputs : iterable of str or path
+        Files that the work is made from, which it must not replace.
 
     Raises
     ------
     OSError
-        If `path` is a folder, or its folder does not exist or cannot be written to.
+        If `path` is a folder or one of the inputs, or its folder does not exist or cannot be written to.
 
     Examples
     --------
@@ -81,6 +87,8 @@ def check_writable(path: str | os.PathLike) -> None:
     target = Path(os.path.realpath(path))
     if target.is_dir():
         raise IsADirectoryError(21, "this is a folder, not a file to write", os.fspath(path))
+    if target.is_file() and any(os.path.exists(file) and os.path.samefile(file, target) for file in inputs):
+        raise FileExistsError(17, "this file is read too and would be lost: write to another", os.fspath(path))
     try:
         _check_folder(target)
     except FileNotFoundError as error:

@@ -205,6 +205,12 @@ def test_as_a_table(body, nilbs, out):
         (["body.obj", "-o", "out/no/x.ply"], "out/no: the folder does not exist"),
         (["body.obj", "--solve", "-o", "out/x.ply"], "to solve for weights takes a mesh and a rig"),
         (["body.obj", "--group", "head", "-o", "out/x.ply"], "body.obj: the mesh has no group 'head'"),
+        (["body.obj", "-o", "out/x.ply", "body.obj"], "body.obj: this file is read too"),
+        (["body.obj", "--write-map", "body.json", "--map", "body.json", "-o", "out/x.ply"], "body.json: this file is"),
+        (["body.obj", "--clip", "walk", "-o", "out/x.ply"], "--clip is for a motion, and no file brings one"),
+        (["body_rig.txt", "--group", "head", "-o", "out/x.tgf"], "--group is for a mesh, and no file brings one"),
+        (["body.obj", "--map", "body.json", "-o", "out/x.ply"], "--map is for a motion for another rig, and no file"),
+        (["body.obj", "--write-map", "out/m.json", "-o", "out/x.ply"], "--write-map is for a motion for another rig"),
         (["body.obj", "--write-map", "out/m.txt", "-o", "out/x.ply"], "out/m.txt: the file name must end in .json"),
         (["names.mhw", "-o", "out/x.npz"], "names.mhw: its weights are of bones by name"),
         (["no.obj", "-o", "out/x.ply"], "no.obj: No such file or directory"),
@@ -218,6 +224,7 @@ def test_a_mistake_is_named_and_nothing_written(body, out, fails, words, message
     for name in ("w.npz", "v.npz"):
         write_files([body / name], W=np.full((4, 3), 1 / 3))
     (body / "walk.json").write_text('{"frames": [{"leg": [0, 0, 1]}]}')
+    (body / "body.json").write_text("{}")
     (body / "names.mhw").write_text(json.dumps({"weights": {}}))
     words = [word if word.startswith("-") or "." not in word else body / word for word in words]
     assert message.replace("{}", str(body)) in fails("convert", *words)

@@ -115,6 +115,16 @@ def test_a_folder_is_not_a_file_to_write(tmp_path):
         check_writable(tmp_path)
 
 
+def test_a_file_that_is_read_is_not_replaced(tmp_path):
+    (tmp_path / "a.txt").write_text("old")
+    (tmp_path / "b.txt").symlink_to("a.txt")
+    check_writable(tmp_path / "c.txt", inputs=[tmp_path / "a.txt", tmp_path / "no.txt", tmp_path / "c.txt"])
+    check_writable(os.devnull, inputs=[os.devnull])
+    for path, read in (("a.txt", "b.txt"), ("b.txt", "a.txt"), ("a.txt", "a.txt")):
+        with pytest.raises(FileExistsError, match=f"this file is read too .*{path}"):
+            check_writable(tmp_path / path, inputs=[tmp_path / read])
+
+
 def test_check_writable_asks_for_the_right(tmp_path, monkeypatch):
     check_writable(tmp_path / "a.txt")
     check_writable(os.devnull)
