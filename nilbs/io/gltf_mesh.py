@@ -133,7 +133,8 @@ class _Pile:
             place, bone = self._hanging(node)
             self.V.append(transform_points(place, v))
             self.moved.append((np.arange(first, self.n), np.full(n, bone), np.ones(n)))
-        return first, n, bool(np.linalg.det(place[:3, :3]) < 0)
+        x, y, z = place[:3, :3].T
+        return first, n, bool(x @ np.cross(y, z) < 0)  # numpy.linalg.det divides, by whatever tiny number
 
     def _hanging(self, node: int) -> tuple[np.ndarray, int]:
         """Where a node stands at rest, and the bone that it follows."""

@@ -188,12 +188,12 @@ def tree_of(tree: Any, rng: Random) -> Any:
     for _ in range(rng.choice([1, 1, 2, 4])):
         places = _places(tree)
         if not places:
-            return rng.choice(VALUES)
+            return _copy(rng.choice(VALUES))
         inner, key = rng.choice(places)
         value = inner[key]
         choice = rng.randrange(8)
         if choice == 0:
-            inner[key] = rng.choice(VALUES)
+            inner[key] = _copy(rng.choice(VALUES))
         elif choice == 1:
             del inner[key]
         elif choice == 2 and isinstance(value, int | float) and not isinstance(value, bool):
