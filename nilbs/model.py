@@ -253,7 +253,7 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         field = blank_field(character, settings, values, origin, float(text["spacing"]))
         field.load_state_dict({name: torch.from_numpy(a) for name, a in state.items()})
         model = Model(character, motion, settings, contents["history"], field)
-    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as error:
         reason = " ".join(str(error).split())  # torch explains itself over several lines
         raise FileFormatError(path, f"is not a complete nilbs model: {reason}") from None
     return model.to(device=torch_device(device))

@@ -243,6 +243,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: c.update({"character.V": 0 * c["character.V"]}), "all vertices lie in one place"),
         (lambda c, t: t.pop("spacing"), "spacing"),
         (lambda c, t: t.update(spacing="wide"), "could not convert"),
+        (lambda c, t: t.update(spacing=10**400), "too large"),
         (lambda c, t: t.update(bones=["a"]), "names or parents of bones do not fit the bones"),
         (lambda c, t: t["settings"].update(steps="many"), "steps must be of type int"),
         (lambda c, t: t["settings"].pop("steps"), "settings are"),
