@@ -21,6 +21,8 @@ from nilbs.geometry.weights import biharmonic_energy, bounded_biharmonic_weights
 SPACING = 0.03  # of the points that hold a bone; short bones have one between their joints all the same
 SNAP = 0.02  # how far the vertex may be that such a point holds
 REACH = 0.1  # how far outside a bone may lie and still hold the nearest place
+# Every bone is one more column to solve for: with more than this the volume has fewer elements.
+MANY_BONES = 64
 # A rig whose joints span less of the mesh than this is taken for one in another unit.
 SMALLEST_RIG = 0.03
 
@@ -98,7 +100,8 @@ def solve_weights(
     check_rig_fits(V[np.unique(E)], skeleton)
     size = float(np.linalg.norm(np.ptp(V[np.unique(E)], axis=0)))
     x, bone = bone_points(skeleton, spacing=SPACING * size)
-    domain = volume_domain(V, E, x[distinct_points(x, MARGIN * size)])
+    coarseness = max(1.0, float(np.cbrt(len(skeleton.BE) / MANY_BONES)))
+    domain = volume_domain(V, E, x[distinct_points(x, MARGIN * size)], coarseness=coarseness)
     known = _held(domain.V, domain.T, x, bone, len(skeleton.BE), size, reach)
     notes = [*domain.notes, *_told(known, skeleton)]
     if not len(known.fixed):

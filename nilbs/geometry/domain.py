@@ -52,7 +52,7 @@ class Domain:
     notes: tuple[str, ...]
 
 
-def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray) -> Domain:
+def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarseness: float = 1.0) -> Domain:
     """Fill a mesh with elements, whatever state it is in.
 
     Parameters
@@ -63,6 +63,8 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray) -> Domain:
         Triangles: those that fill the shape in the plane, those of its surface in space.
     points : (s, d) float array
         Where vertices are wanted; those that lie inside become vertices of a volume in space that can be filled so.
+    coarseness : float
+        By how much elements may be larger than usual; surfaces keep their triangles.
 
     Returns
     -------
@@ -109,7 +111,9 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray) -> Domain:
         first = len(surface)
     else:
         F, _ = coherent_orientation(surface, E)
-        V_volume, T, first, said = _spatial(surface, F if enclosed_volume(surface, F) >= 0 else F[:, ::-1], points)
+        V_volume, T, first, said = _spatial(
+            surface, F if enclosed_volume(surface, F) >= 0 else F[:, ::-1], points, coarseness
+        )
         notes += said
     return Domain(V_volume * size + center, T, first, tuple(notes))
 
@@ -157,15 +161,19 @@ def welded(V: np.ndarray, E: np.ndarray, *, tolerance: float = WELD) -> tuple[np
     return V[used[first[order]]][left], compact[E]
 
 
-def _spatial(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, list[str]]:
+def _spatial(
+    V: np.ndarray, F: np.ndarray, points: np.ndarray, coarseness: float
+) -> tuple[np.ndarray, np.ndarray, int, list[str]]:
     from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 
     notes: list[str] = []
-    for V_closed, F_closed, note in _closed_surfaces(V, F):
+    for V_closed, F_closed, note in _closed_surfaces(V, F, coarseness):
         notes += note
         try:
             inner = points[_well_inside(V_closed, F_closed, points)]
-            V_volume, T = conforming_tetrahedra(V_closed, F_closed, inner, spacing=_spacing(V_closed, F_closed))
+            V_volume, T = conforming_tetrahedra(
+                V_closed, F_closed, inner, spacing=coarseness * _spacing(V_closed, F_closed)
+            )
         except ValueError:
             continue
         if not element_volumes(V_volume, T).min(initial=1) > SMALLEST_VOLUME:
@@ -177,7 +185,9 @@ def _spatial(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> tuple[np.ndarr
     return V_volume, T, len(np.unique(boundary_facets(T))), notes
 
 
-def _closed_surfaces(V: np.ndarray, F: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, list[str]]]:
+def _closed_surfaces(
+    V: np.ndarray, F: np.ndarray, coarseness: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, list[str]]]:
     """Surfaces to fill, the best first, with what is to be said of each."""
     from nilbs.geometry.copyleft.decimation import decimated
 
@@ -187,7 +197,7 @@ def _closed_surfaces(V: np.ndarray, F: np.ndarray) -> Iterator[tuple[np.ndarray,
         if len(V) > SURFACE_LIMIT:
             V, F = decimated(V, F, DECIMATED)
             said = [f"the surface is large: weights are solved inside one with {len(F)} triangles"]
-        yield *_refined(V, F), said
+        yield *_refined(V, F, coarseness * LONGEST_EDGE), said
         defects = ["it could not be filled"]
     said = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
     for resolution in RESOLUTIONS:
@@ -200,11 +210,11 @@ def _spacing(V: np.ndarray, F: np.ndarray) -> float:
     return max(SPACING, float(np.cbrt(np.sqrt(72) * abs(enclosed_volume(V, F)) / ELEMENTS)))
 
 
-def _refined(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _refined(V: np.ndarray, F: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
     """A surface of few large triangles in more of them: elements behind a large triangle are large themselves."""
     import igl
 
-    while len(F) < DECIMATED / 8 and np.linalg.norm(V[F] - V[np.roll(F, 1, axis=1)], axis=2).max() > LONGEST_EDGE:
+    while len(F) < DECIMATED / 8 and np.linalg.norm(V[F] - V[np.roll(F, 1, axis=1)], axis=2).max() > longest:
         V, F = igl.upsample(V, F, 1)
     return V, F.astype(np.int64)
 

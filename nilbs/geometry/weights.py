@@ -1,6 +1,5 @@
 """Bounded biharmonic weights: every bone at once, every row on the simplex."""
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -16,6 +15,8 @@ from nilbs.geometry.validation import arrays, check_indices
 # least energy and 0.007 of the exact weights.
 MASS_PENALTIES = (1e7, 3e5, 1e4, 3e5, 1e7)
 ENERGY_PENALTIES = (1e-2,)
+# Bones that are solved for at once: as many as fit the processor's cache beside the factors.
+COLUMNS = 24
 
 
 def bounded_biharmonic_weights(
@@ -347,7 +348,7 @@ class _Quadratic:
         W[self.fixed] = W_fixed
         # The factors release the interpreter, so that bones share the cores.
         with ThreadPoolExecutor() as pool:
-            parts = np.array_split(np.arange(B.shape[1]), min(os.cpu_count() or 1, B.shape[1]))
+            parts = np.array_split(np.arange(B.shape[1]), -(-B.shape[1] // COLUMNS))
             for part, solved in zip(
                 parts, pool.map(lambda part: self.factors.solve(right[:, part]), parts), strict=True
             ):
