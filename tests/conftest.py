@@ -12,6 +12,10 @@ if TYPE_CHECKING:
     from nilbs.model import Model
 
 
+# Run by Blender's own Python, not by this one.
+collect_ignore = ["io/blender_characters.py"]
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(7)
