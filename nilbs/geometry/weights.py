@@ -1,5 +1,6 @@
 """Bounded biharmonic weights: every bone at once, every row on the simplex."""
 
+import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -330,7 +331,9 @@ class _Quadratic:
 
     def __init__(self, K: sparse.csc_matrix, fixed: np.ndarray) -> None:
         from scipy.sparse.linalg import splu
+        from threadpoolctl import threadpool_limits
 
+        self.limits = threadpool_limits
         self.fixed, self.free = fixed, np.setdiff1d(np.arange(K.shape[0]), fixed)
         rows = K[self.free]
         self.to_fixed = rows[:, fixed]
@@ -346,8 +349,9 @@ class _Quadratic:
         right = -(B[self.free] + self.to_fixed @ W_fixed)
         W = np.empty((len(self.free) + len(self.fixed), B.shape[1]))
         W[self.fixed] = W_fixed
-        # The factors release the interpreter, so that bones share the cores.
-        with ThreadPoolExecutor() as pool:
+        # The factors release the interpreter, so that bones share the cores; threads of the linear algebra below them
+        # would only be in each other's way.
+        with self.limits(1, "blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
             parts = np.array_split(np.arange(B.shape[1]), -(-B.shape[1] // COLUMNS))
             for part, solved in zip(
                 parts, pool.map(lambda part: self.factors.solve(right[:, part]), parts), strict=True
