@@ -179,8 +179,11 @@ def _spatial(
         if not element_volumes(V_volume, T).min(initial=1) > SMALLEST_VOLUME:
             continue  # slivers, on which nothing can be solved
         return V_volume, T, len(V_closed), notes
-    grid, levels = wrap(V, F, resolution=BLOCKS)
-    V_volume, T = blocks(grid, levels)
+    resolution = BLOCKS
+    V_volume, T = blocks(*wrap(V, F, resolution=resolution))
+    while len(V_volume) > SURFACE_LIMIT and resolution > 8:
+        resolution = resolution * 3 // 4
+        V_volume, T = blocks(*wrap(V, F, resolution=resolution))
     notes.append("no finer volume could be filled: weights are solved in blocks")
     return V_volume, T, len(np.unique(boundary_facets(T))), notes
 
