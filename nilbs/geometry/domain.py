@@ -25,6 +25,7 @@ LONGEST_EDGE = 0.05  # of the diagonal; a surface of few triangles with longer e
 RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second where the first cannot be filled
 BLOCKS = 56  # cells along the longest edge of the blocks that stand in where nothing finer can be filled
 WELD = 1e-7  # of the diagonal: vertices that are nearer are one
+VOLUME_LIMIT = 20_000  # vertices; factorising more takes minutes
 SMALLEST_VOLUME = 1e-16  # of the cubed diagonal
 SMALLEST_AREA = 1e-14  # of the squared diagonal: triangles with no more have none
 MARGIN = 3e-3  # of the diagonal: a point of a bone this near to the skin, or to another point, is not put in
@@ -79,7 +80,7 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarsenes
     -----
     In the plane the triangles are refined as they are. In space a closed, manifold, oriented surface without crossings
     is filled by TetGen. Any other is wrapped first (see `wrap`) and the wrap is decimated; where TetGen refuses that
-    too, the wrap is made coarser, and at last the domain is made of blocks, which always exist.
+    or would make too many elements of it, the wrap is made coarser, and at last the domain is made of blocks, which always exist.
 
     Examples
     --------
@@ -178,6 +179,8 @@ def _spatial(
             continue
         if not element_volumes(V_volume, T).min(initial=1) > SMALLEST_VOLUME:
             continue  # slivers, on which nothing can be solved
+        if len(V_volume) > VOLUME_LIMIT:
+            continue
         return V_volume, T, len(V_closed), notes
     resolution = BLOCKS
     V_volume, T = blocks(*wrap(V, F, resolution=resolution))
