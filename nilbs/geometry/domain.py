@@ -80,7 +80,7 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarsenes
     -----
     In the plane the triangles are refined as they are. In space a closed, manifold, oriented surface without crossings
     is filled by TetGen. Any other is wrapped first (see `wrap`) and the wrap is decimated; where TetGen refuses that
-    or would make too many elements of it, the wrap is made coarser, and at last the domain is made of blocks, which always exist.
+    or makes too many elements, the wrap is made coarser, and at last the domain is of blocks, which always exist.
 
     Examples
     --------
@@ -184,7 +184,7 @@ def _spatial(
         return V_volume, T, len(V_closed), notes
     resolution = BLOCKS
     V_volume, T = blocks(*wrap(V, F, resolution=resolution))
-    while len(V_volume) > SURFACE_LIMIT and resolution > 8:
+    while len(V_volume) > VOLUME_LIMIT / 2 and resolution > 8:
         resolution = resolution * 3 // 4
         V_volume, T = blocks(*wrap(V, F, resolution=resolution))
     notes.append("no finer volume could be filled: weights are solved in blocks")
