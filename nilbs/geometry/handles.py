@@ -38,7 +38,7 @@ def bone_points(skeleton: Skeleton, *, spacing: float, most: int = 10) -> tuple[
     ----------
     skeleton : Skeleton
     spacing : float
-        Wanted distance between points, in mesh units.
+        Wanted distance between points, in mesh units; with zero there are as many as may be.
     most : int
         The most points on one segment strictly between its joints; there is at least one.
 
@@ -58,7 +58,8 @@ def bone_points(skeleton: Skeleton, *, spacing: float, most: int = 10) -> tuple[
     ends, bone = skeleton.segments()
     first, last = skeleton.C[ends[:, 0]], skeleton.C[ends[:, 1]]
     length = np.linalg.norm(last - first, axis=1)
-    between = np.clip(np.ceil(length / spacing) - 1, 1, most).astype(np.int64)
+    # Of a mesh without extent the spacing is zero.
+    between = np.clip(np.ceil(length / max(spacing, np.finfo(float).tiny)) - 1, 1, most).astype(np.int64)
     segment = np.repeat(np.arange(len(ends)), between)
     step = np.arange(len(segment)) - np.repeat(np.cumsum(between) - between, between) + 1
     s = (step / (between[segment] + 1))[:, None]

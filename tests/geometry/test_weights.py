@@ -31,19 +31,20 @@ def bar(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         V, T = conforming_triangles(V, T, x, spacing=0.045)
     else:
         V = np.array([[x, y, z] for x in (0, 4) for y in (0, 1) for z in (0, 1)], dtype=float)
-        F = np.array(
-            [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-             [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-        )  # fmt: skip
         C = np.array([[0.4, 0.5, 0.5], [1.5, 0.4, 0.5], [2.5, 0.5, 0.6], [3.6, 0.5, 0.5]])
         x, bone = bone_points(Skeleton(C, BE, [-1, 0, 1], "abc"), spacing=0.3)
-        V, T = conforming_tetrahedra(V, F, x[distinct_points(x, 1e-6)])
+        V, T = conforming_tetrahedra(V, BLOCK, x[distinct_points(x, 1e-6)])
     inside = np.ones(len(x), dtype=bool)
     known = bone_conditions(V, np.unique(T), x, bone, inside, bones=3, snap=1e-6, reach=1)
     return V, T, known.fixed, known.W_fixed
 
 
 BE = np.array([[0, 1], [1, 2], [2, 3]])
+# Triangles of a block whose corners are counted with the last coordinate running fastest.
+BLOCK = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
 
 
 Filled = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -98,10 +99,17 @@ def sheet() -> Filled:
     return filled(*isosurface(away.max(axis=1), grid), C, [[0, 1], [1, 2], [1, 3]], 0.1)
 
 
+def crooked() -> Filled:
+    """A block of few elements with bones in any direction."""
+    rng = np.random.default_rng(3)
+    V, F = np.array([[x, y, z] for x in (0, 3) for y in (0, 1) for z in (0, 2)], dtype=float), BLOCK
+    return filled(V, F, rng.uniform(0.1, 0.9, (5, 3)) * V[-1], [[i, i + 1] for i in range(4)], 0.3)
+
+
 SHAPES: dict[str, Callable[[], Filled]] = {
     "bar2": lambda: bar(2),
     "bar3": lambda: bar(3),
-    **{shape.__name__: shape for shape in (star, many, branching, sheet)},
+    **{shape.__name__: shape for shape in (star, many, branching, sheet, crooked)},
 }
 
 
