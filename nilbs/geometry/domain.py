@@ -20,6 +20,7 @@ from nilbs.geometry.wrap import wrap, wrapping_surface
 SURFACE_LIMIT = 10_000  # vertices; a surface with more is decimated
 DECIMATED = 10_000  # facets
 SPACING = 0.023  # of the diagonal: edge of the elements inside a slender body
+QUALITY = 2**0.5  # circumradius over shortest edge of the worst element
 ELEMENTS = 25_000  # inside a bulky one, whose elements are larger
 LONGEST_EDGE = 0.05  # of the diagonal; a surface of few triangles with longer edges is refined
 RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second where the first cannot be filled
@@ -65,7 +66,7 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarsenes
     points : (s, d) float array
         Where vertices are wanted; those that lie inside become vertices of a volume in space that can be filled so.
     coarseness : float
-        By how much elements may be larger than usual; surfaces keep their triangles.
+        By how much elements may be larger, and worse in shape, than usual; surfaces keep their triangles.
 
     Returns
     -------
@@ -173,7 +174,11 @@ def _spatial(
         try:
             inner = points[_well_inside(V_closed, F_closed, points)]
             V_volume, T = conforming_tetrahedra(
-                V_closed, F_closed, inner, spacing=coarseness * _spacing(V_closed, F_closed)
+                V_closed,
+                F_closed,
+                inner,
+                spacing=coarseness * _spacing(V_closed, F_closed),
+                quality=coarseness * QUALITY,
             )
         except ValueError:
             continue

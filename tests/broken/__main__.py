@@ -14,12 +14,14 @@ from . import figures, rigs, surfaces  # noqa: F401  (they fill the list)
 from .case import KINDS
 from .verdict import verdict
 
+LIMIT = 30.0  # seconds; the tests, which may run on anything, do not ask for it
+
 
 def _judge(name: str, seed: int, seconds: int, answer: Connection) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
     try:
         found = verdict(KINDS[name], seed)
-        lines = found.problems
+        lines = found.problems + ((f"took {found.seconds:.0f} s",) if found.seconds > LIMIT else ())
         row = (found.outcome, found.seconds, found.notes, found.row_error)
     except Exception as error:
         import traceback

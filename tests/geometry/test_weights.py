@@ -188,7 +188,7 @@ def test_the_joint_optimum_of_an_interior_point_method(shape: Callable[[], Fille
     assert unbounded.min() < -0.01
     # More iterations come closer.
     more = bounded_biharmonic_weights(V, T, fixed, W_fixed, iterations=100)
-    assert np.abs(more - best).max() < 0.004
+    assert np.abs(more - best).max() < 0.005
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -13,7 +13,7 @@ from nilbs.geometry.volume import element_volumes
 
 
 def conforming_tetrahedra(
-    V: np.ndarray, F: np.ndarray, points: np.ndarray, *, spacing: float = 0.03
+    V: np.ndarray, F: np.ndarray, points: np.ndarray, *, spacing: float = 0.03, quality: float = 2**0.5
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fill a closed surface with tetrahedra that have vertices at given points.
 
@@ -27,6 +27,8 @@ def conforming_tetrahedra(
         Places inside, apart from each other, that become vertices.
     spacing : float
         Edge of the largest regular tetrahedron, as a fraction of the bounding box's diagonal.
+    quality : float
+        The largest ratio of a tetrahedron's circumradius to its shortest edge.
 
     Returns
     -------
@@ -70,7 +72,7 @@ def conforming_tetrahedra(
     try:
         # Where TetGen gives up it leaves files in the working folder and writes past Python to the terminal.
         with TemporaryDirectory() as folder, chdir(folder), _silence():
-            V_volume, T = tetgen.tetrahedralize(given, F, flags=f"pq1.414a{spacing**3 / 72**0.5:.6g}YQ")[:2]
+            V_volume, T = tetgen.tetrahedralize(given, F, flags=f"pq{quality:.4g}a{spacing**3 / 72**0.5:.6g}YQ")[:2]
     except RuntimeError as error:
         raise ValueError(
             f"TetGen could not fill the surface with tetrahedra ({error}): it must be closed and must not cross itself"
