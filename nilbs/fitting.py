@@ -12,18 +12,22 @@ import numpy as np
 import torch
 
 from nilbs.character import Character
+from nilbs.fields.forward import packed_weights
 from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.objective import REFRESH, NilbsObjective, RandomPoses
 from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
+from nilbs.fields.search import SearchField
 from nilbs.fields.training import TrainingState, train
-from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
-from nilbs.model import Model, blank_field, in_unit_frame, rest_center, torch_device
+from nilbs.geometry.rest_grids import distance_grid, weight_grid
+from nilbs.model import CACHE, FORWARD, Model, blank_field, in_unit_frame, rest_center, torch_device
 from nilbs.motion import Motion
 from nilbs.report import Report, silent
 from nilbs.settings import Settings
 
 CHECKPOINT_KIND = "nilbs checkpoint 1"
+# In units of L: how far around the body rest weights are known, and how far they go on beyond the skin unbroken.
+BAND, DEPTH = 0.05, 0.015
 
 
 def fit(
@@ -87,15 +91,15 @@ def fit(
     if checkpoint is not None and resume:
         state = _load_checkpoint(Path(checkpoint), fingerprint, report)
     torch.manual_seed(settings.seed)
-    field = _field_with_cache(character, settings, dtype).to(torch_device(device))
-    objective = _objective(field, character, motion, settings, progress=progress)
+    field = _untrained(character, settings, dtype).to(torch_device(device))
+    objective = _objective(field.inverse, character, motion, settings, progress=progress)
 
     def save(state: TrainingState) -> None:
         if checkpoint is not None:
             _save_checkpoint(Path(checkpoint), fingerprint, state)
 
     history = train(
-        field.network,
+        field.inverse.network,
         objective,
         steps=settings.steps,
         learning_rate=settings.learning_rate,
@@ -113,14 +117,23 @@ def remove_checkpoint(path: str | Path) -> None:
         Path(path).unlink()
 
 
-def _field_with_cache(character: Character, settings: Settings, dtype: torch.dtype) -> NilbsField:
-    V = (character.V - rest_center(character)) / character.L
-    grid = Grid.box(V, settings.cache_resolution)
+def _untrained(character: Character, settings: Settings, dtype: torch.dtype) -> SearchField:
+    """A field with its grids of the rest pose, which know nothing of training."""
+    c = character
+    V, V_volume = ((points - rest_center(c)) / c.L for points in (c.V, c.V_volume))
     kind = np.float64 if dtype == torch.float64 else np.float32
-    values = np.empty(grid.size, dtype=kind)
-    for part, points in grid.chunks(2**20):
-        values[part] = signed_distance(V, character.F, points)
-    return blank_field(character, settings, values.reshape(grid.shape), grid.origin.astype(kind), grid.spacing)
+    cache = Grid.box(V, settings.cache_resolution)
+    weights = Grid.box(V, settings.weight_resolution, pad=BAND)
+    node, W_node = weight_grid(V, c.F, c.W, V_volume, c.T, c.W_volume, weights, band=BAND, depth=DEPTH)
+    packed = packed_weights(node, W_node, weights.shape)
+    state = {
+        f"{CACHE}.values": distance_grid(V, c.F, cache).astype(kind),
+        f"{CACHE}.origin": cache.origin.astype(kind),
+        **{f"{FORWARD}.{name}": array for name, array in packed.items()},
+        f"{FORWARD}.weight": packed["weight"].astype(kind),
+        f"{FORWARD}.origin": weights.origin.astype(kind),
+    }
+    return blank_field(character, settings, state, {CACHE: cache.spacing, FORWARD: weights.spacing})
 
 
 def _objective(

@@ -1,7 +1,8 @@
 """A trained model: one object and one file that answers for any point and any pose."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,13 +10,16 @@ import numpy as np
 import torch
 
 from nilbs.character import Character
+from nilbs.fields.answer import Answer
 from nilbs.fields.cache import RestCache
+from nilbs.fields.forward import ForwardField
 from nilbs.fields.network import WeightNetwork
-from nilbs.fields.nilbs import FieldValues, NilbsField
+from nilbs.fields.nilbs import NilbsField
+from nilbs.fields.search import SearchField
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.kinematics import bone_order
-from nilbs.geometry.rotations import rigid_transforms, transform_points
+from nilbs.geometry.rotations import rigid_transforms
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.validation import arrays
 from nilbs.motion import Motion
@@ -24,9 +28,11 @@ from nilbs.settings import RESOLUTION, Settings
 if TYPE_CHECKING:
     from typing import Self
 
-KIND = "nilbs model 1"
+KIND = "nilbs model 2"
 # Points that go through the network at once; bounds the memory of a query of any size.
 CHUNK = 16_384
+# Names of the field's parts that hold grids of the rest pose.
+CACHE, FORWARD = "inverse.cache", "forward_field"
 
 
 @dataclass
@@ -41,15 +47,15 @@ class Model:
     settings : Settings
     history : (steps,) float array
         Loss at each training step.
-    field : NilbsField
-        The network and the rest cache, in torch, in the frame of `in_unit_frame`.
+    field : SearchField
+        The network, the rest cache and the rest weights, in torch, in the frame of `in_unit_frame`.
     """
 
     character: Character
     motion: Motion
     settings: Settings
     history: np.ndarray
-    field: NilbsField
+    field: SearchField
 
     @property
     def config(self) -> dict[str, Any]:
@@ -61,8 +67,10 @@ class Model:
         """Bone whose frame the field works in, and whose transform the ghost bone copies: the first root."""
         return root_bone(self.character)
 
-    def occupancy(self, x: np.ndarray, pose: np.ndarray, *, ghost: bool = True) -> np.ndarray:
-        """Occupancy of posed points (eq. 8).
+    def occupancy(
+        self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True
+    ) -> np.ndarray:
+        """Occupancy of posed points.
 
         Parameters
         ----------
@@ -70,8 +78,11 @@ class Model:
             Posed points, in mesh units; any number, they are answered in chunks of bounded memory.
         pose : (b, d+1, d+1) float array
             Bone transforms, rest to posed.
+        mapping : "search" or "inverse", optional
+            Where rest images come from: a root search that begins at the network's answer, or the network's inverse map
+            alone (eq. 6). By default what the settings say.
         ghost : bool
-            Whether the ghost bone takes part; without it this is eq. 7.
+            Whether the ghost bone takes part in the inverse map's answer (eq. 8); without it this is eq. 7.
 
         Returns
         -------
@@ -81,20 +92,19 @@ class Model:
         Raises
         ------
         ValueError
-            If x or pose has another shape, or the root's transform is singular.
+            If x or pose has another shape, the root's transform is singular, or the mapping is unknown.
         """
-        logits = [self.field.logit(values, ghost=ghost) for values in self._values(x, pose)]
-        return _joined([torch.sigmoid(logit) for logit in logits])
+        return _joined([torch.sigmoid(answer.logit) for answer in self._answers(x, pose, mapping, ghost)])
 
-    def distance(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    def distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
         """Signed distance of posed points, read at their rest images: that of the *rest* shape, not of the posed one.
 
-        Where skinning stretches, the two differ by the stretch. Where the ghost bone overrules a rest image that lies
-        inside, the distance is positive: its sign always agrees with `occupancy`.
+        Where skinning stretches, the two differ by the stretch. The sign always agrees with `occupancy`: a point
+        without a rest image, or one that the ghost bone overrules, is outside.
 
         Parameters
         ----------
-        x, pose
+        x, pose, mapping
             As for `occupancy`.
 
         Returns
@@ -102,7 +112,7 @@ class Model:
         distance : (n,) float array
             In mesh units, negative inside.
         """
-        return _joined([self.field.signed_distance(values) for values in self._values(x, pose)]) * self.character.L
+        return _joined([answer.distance for answer in self._answers(x, pose, mapping)]) * self.character.L
 
     def weights(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Weights that the network predicts for posed points.
@@ -117,22 +127,23 @@ class Model:
         W : (n, b+1) float array
             Rows sum to one; the last column is the ghost bone's.
         """
-        return _joined([values.weights for values in self._values(x, pose)])
+        inverse = self.field.inverse
+        return _joined([inverse(chunk[None], B[None]).weights[0] for chunk, B in self._chunks(x, pose)])
 
-    def rest_points(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Rest images of posed points (eq. 6).
+    def rest_points(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
+        """Rest images of posed points; where several points of the body are posed there, one that lies inside.
 
         Parameters
         ----------
-        x, pose
+        x, pose, mapping
             As for `occupancy`.
 
         Returns
         -------
         x_rest : (n, d) float array
-            In mesh units.
+            In mesh units. A point without a rest image has that of the inverse map.
         """
-        unit = _joined([values.x_rest for values in self._values(x, pose)])
+        unit = _joined([answer.x_rest for answer in self._answers(x, pose, mapping)])
         return unit * self.character.L + rest_center(self.character)
 
     def extract(self, pose: np.ndarray, resolution: int = RESOLUTION) -> tuple[np.ndarray, np.ndarray]:
@@ -155,19 +166,48 @@ class Model:
         U = linear_blend_skinning(self.character.V, self.character.W, pose)
         return self.extract_on(Grid.cube(U, resolution), pose)
 
-    def extract_on(self, grid: Grid, pose: np.ndarray, *, stride: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    def extract_on(
+        self, grid: Grid, pose: np.ndarray, *, mapping: str | None = None, stride: int = 4
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Surface of the posed character on a grid of one's own; `stride` 1 asks the field at every node."""
 
         def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            logits, distances = [], []
-            for values in self._values(x, pose):
-                logits.append(self.field.logit(values))
-                distances.append(values.distance)
+            answers = list(self._answers(x, pose, mapping))
             # In mesh units the level is near the signed distance, so that marching cubes' linear interpolation is too.
             L = self.character.L
-            return -_joined(logits) * self.field.cache.width * L, _joined(distances) * L
+            level = -_joined([answer.logit for answer in answers]) * self.field.inverse.cache.width * L
+            return level, _joined([answer.distance for answer in answers]) * L
 
         return field_surface(levels, grid, stride=stride)
+
+    def answer(self, x: torch.Tensor, pose: torch.Tensor, *, mapping: str | None = None) -> Answer:
+        """Answers in torch, differentiable by the points and by the pose.
+
+        Parameters
+        ----------
+        x : (n, d) tensor
+            Posed points, in mesh units, on the field's device.
+        pose : (b, d+1, d+1) tensor
+            Bone transforms, rest to posed.
+        mapping
+            As for `occupancy`.
+
+        Returns
+        -------
+        answer : Answer
+            Distance and rest images in mesh units. Derivatives are of first order: by the root search they are those of
+            the root, by the implicit function theorem, and do not pass through its iterations.
+
+        Raises
+        ------
+        ValueError
+            If the mapping is unknown.
+        """
+        x_unit, B = unit_frame(self.character, x, pose)
+        like = next(self.field.parameters())
+        answer = self._posed(B.to(like), mapping)(x_unit.to(like))
+        L, center = self.character.L, torch.as_tensor(rest_center(self.character)).to(like)
+        return Answer(answer.logit, answer.distance * L, answer.x_rest * L + center)
 
     def to(self, *, device: str | None = None, dtype: torch.dtype | None = None) -> "Self":
         """Move the field to a device or a precision, in place."""
@@ -193,24 +233,40 @@ class Model:
             "name": self.character.name,
             "bones": list(self.character.names),
             "motion": self.motion.source,
-            "spacing": self.field.cache.spacing,
+            "spacing": {CACHE: self.field.inverse.cache.spacing, FORWARD: self.field.forward_field.spacing},
             "settings": asdict(self.settings),
         }
         write_archive(path, contents, text, kind=KIND)
 
-    def _values(self, x: np.ndarray, pose: np.ndarray) -> Iterator[FieldValues]:
+    def _answers(
+        self, x: np.ndarray, pose: np.ndarray, mapping: str | None = None, ghost: bool = True
+    ) -> Iterator[Answer]:
+        posed = None
+        for chunk, B in self._chunks(x, pose):
+            with torch.inference_mode():
+                posed = posed or self._posed(B, mapping, ghost)
+                yield posed(chunk)
+
+    def _chunks(self, x: np.ndarray, pose: np.ndarray) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        """Points in pieces, and the pose, in the field's frame."""
         x, pose = arrays(x=(x, "n d"), pose=(pose, "b d+1 d+1"))
         wanted = (len(self.character.BE), self.character.d + 1, self.character.d + 1)
         if pose.shape != wanted:
             raise ValueError(f"pose must be (b, d+1, d+1) = {wanted}, got {pose.shape}")
         like = next(self.field.parameters())
         x_unit, B_unit = in_unit_frame(self.character, x, pose)
-        B = torch.as_tensor(B_unit[None], dtype=like.dtype, device=like.device)
+        B = torch.as_tensor(B_unit, dtype=like.dtype, device=like.device)
         for start in range(0, max(len(x_unit), 1), CHUNK):
             with torch.inference_mode():
-                chunk = torch.as_tensor(x_unit[start : start + CHUNK], dtype=like.dtype, device=like.device)
-                values = self.field(chunk[None], B)
-                yield FieldValues(*(tensor[0] for tensor in values))
+                yield torch.as_tensor(x_unit[start : start + CHUNK], dtype=like.dtype, device=like.device), B
+
+    def _posed(self, B: torch.Tensor, mapping: str | None, ghost: bool = True) -> Callable[[torch.Tensor], Answer]:
+        mapping = self.settings.mapping if mapping is None else mapping
+        if mapping == "search":
+            return self.field.posed(B)
+        if mapping == "inverse":
+            return partial(self.field.inverse.answer, B=B, ghost=ghost)
+        raise ValueError(f"mapping must be 'search' or 'inverse', got {mapping!r}")
 
 
 def load_model(path: str | Path, *, device: str = "cpu") -> Model:
@@ -246,12 +302,10 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         motion = Motion(contents["motion.B"], contents["motion.frames"], str(text["motion"]), times, character.skeleton)
         settings = Settings.from_mapping(text["settings"])
         state = {name.removeprefix("field."): a for name, a in contents.items() if name.startswith("field.")}
-        values, origin = state["cache.values"], state["cache.origin"]
-        arrays(values=(values.ravel(), "n"), origin=(origin, f"{character.d}"), history=(contents["history"], "s"))
-        if values.ndim != character.d or min(values.shape) < 2:
-            raise ValueError(f"the rest cache has shape {values.shape}")
-        field = blank_field(character, settings, values, origin, float(text["spacing"]))
+        check_field(state, character)
+        field = blank_field(character, settings, state, text["spacing"])
         field.load_state_dict({name: torch.from_numpy(a) for name, a in state.items()})
+        arrays(history=(contents["history"], "s"))
         model = Model(character, motion, settings, contents["history"], field)
     except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as error:
         reason = " ".join(str(error).split())  # torch explains itself over several lines
@@ -284,15 +338,63 @@ def check_character(character: Character) -> None:
     bone_order(c.P)
 
 
+def check_field(state: Mapping[str, np.ndarray], character: Character) -> None:
+    """Check that the grids of a field's state fit the character and themselves.
+
+    Raises
+    ------
+    KeyError, ValueError
+        Naming what does not.
+    """
+    d, b = character.d, len(character.BE)
+    values, row, first = state[f"{CACHE}.values"], state[f"{FORWARD}.row"], state[f"{FORWARD}.first"]
+    for name, grid in (("rest cache", values), ("grid of rest weights", row)):
+        if grid.ndim != d or min(grid.shape) < 2:
+            raise ValueError(f"the {name} has shape {grid.shape}")
+    bone, weight = state[f"{FORWARD}.bone"], state[f"{FORWARD}.weight"]
+    arrays(
+        values=(values.ravel(), "n"), origin=(state[f"{CACHE}.origin"], f"{d}"),
+        weight=(weight, "s"), weight_origin=(state[f"{FORWARD}.origin"], f"{d}"),
+    )  # fmt: skip
+    if any(indices.dtype != np.int32 for indices in (row, bone, first)):
+        raise ValueError("row, bone and first must be stored as 32-bit integers")
+    steps = np.diff(first.astype(np.int64))
+    if first.ndim != 1 or len(first) < 2 or first[0] != 0 or first[-1] != len(bone) or (steps < 1).any():
+        raise ValueError("the rows of rest weights do not follow each other")
+    if bone.shape != weight.shape or row.min() < 0 or row.max() >= len(steps) or bone.min() < 0 or bone.max() >= b:
+        raise ValueError("a row or a bone of the rest weights does not exist")
+
+
 def blank_field(
-    character: Character, settings: Settings, values: np.ndarray, origin: np.ndarray, spacing: float
-) -> NilbsField:
-    """An untrained field around a rest cache, in the unit frame."""
+    character: Character, settings: Settings, state: Mapping[str, np.ndarray], spacing: Mapping[str, float]
+) -> SearchField:
+    """An untrained field around the grids of the rest pose, in the unit frame.
+
+    Parameters
+    ----------
+    character : Character
+    settings : Settings
+    state : mapping of str to array
+        Grids, named as in the field's state; other names are passed over.
+    spacing : mapping of str to float
+        Edge of a cell of each of the two grids, by its part's name.
+    """
+    part = {name: torch.as_tensor(array) for name, array in state.items()}
     centers = (character.C[character.BE[:, 0]] - rest_center(character)) / character.L
-    dtype = torch.from_numpy(np.zeros(0, dtype=values.dtype)).dtype
-    cache = RestCache(torch.as_tensor(values), torch.as_tensor(origin), spacing, width=settings.cache_width)
+    cache = RestCache(
+        part[f"{CACHE}.values"], part[f"{CACHE}.origin"], float(spacing[CACHE]), width=settings.cache_width
+    )
     network = WeightNetwork(torch.as_tensor(centers), scale=1.0, width=settings.width, depth=settings.depth)
-    return NilbsField(network, cache, root=root_bone(character)).to(dtype)
+    forward_field = ForwardField(
+        row=part[f"{FORWARD}.row"],
+        bone=part[f"{FORWARD}.bone"],
+        weight=part[f"{FORWARD}.weight"],
+        first=part[f"{FORWARD}.first"],
+        origin=part[f"{FORWARD}.origin"],
+        spacing=float(spacing[FORWARD]),
+    )
+    field = SearchField(NilbsField(network, cache, root=root_bone(character)), forward_field)
+    return field.to(cache.values.dtype)
 
 
 def rest_center(character: Character) -> np.ndarray:
@@ -329,15 +431,21 @@ def in_unit_frame(character: Character, x: np.ndarray, B: np.ndarray) -> tuple[n
     ValueError
         If the root's transform is singular.
     """
+    x_unit, B_unit = unit_frame(character, *(torch.tensor(np.asarray(a), dtype=torch.float64) for a in (x, B)))
+    return x_unit.numpy(), B_unit.numpy()
+
+
+def unit_frame(character: Character, x: torch.Tensor, B: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """What `in_unit_frame` does, on tensors and differentiable."""
     d, L, center = character.d, character.L, rest_center(character)
     root = B[..., root_bone(character), :, :]
-    if (np.abs(np.linalg.det(root[..., :d, :d])) < 1e-12).any():
+    if bool((torch.linalg.det(root[..., :d, :d]).abs() < 1e-12).any()):
         raise ValueError(f"bone {root_bone(character)}, the root, has a singular transform")
-    to_root = np.linalg.inv(root)
-    to_unit = rigid_transforms(np.eye(d) / L, -center / L)
-    from_unit = rigid_transforms(np.eye(d) * L, center)
-    x_unit = transform_points((to_unit @ to_root)[..., None, :, :], x)
-    return x_unit, to_unit @ to_root[..., None, :, :] @ B @ from_unit
+    to_unit = torch.as_tensor(rigid_transforms(np.eye(d) / L, -center / L)).to(B)
+    from_unit = torch.as_tensor(rigid_transforms(np.eye(d) * L, center)).to(B)
+    to_root = to_unit @ torch.linalg.inv(root)
+    x_unit = x @ to_root[..., :d, :d].mT + to_root[..., None, :d, d]
+    return x_unit, to_root[..., None, :, :] @ B @ from_unit
 
 
 def torch_device(name: str) -> str:

@@ -43,8 +43,13 @@ class Settings:
     random_pose_std : float
         Random poses turn every bone but the roots by normal angles whose standard deviation is drawn, for each pose,
         between zero and this; in radians.
+    mapping : "search" or "inverse"
+        Where the trained field takes rest images from: a root search that begins at the network's answer, or the
+        network's inverse map alone, as in the paper. The training is the same.
     cache_resolution : int
-        Cells of the rest cache along its longest edge; 0 takes 128 in space and 512 in the plane.
+        Cells of the rest cache along its longest edge; 0 takes 256 in space and 512 in the plane.
+    weight_resolution : int
+        Cells of the grid of rest weights along its longest edge; 0 takes 128 in space and 256 in the plane.
     cache_width : float
         Width of the step by which occupancy is read from distance.
     seed : int
@@ -64,7 +69,9 @@ class Settings:
     weight_loss: float = 1.0
     position_loss: float = 20.0
     random_pose_std: float = 0.8
+    mapping: str = "search"
     cache_resolution: int = 0
+    weight_resolution: int = 0
     cache_width: float = 0.003
     seed: int = 0
 
@@ -82,8 +89,9 @@ class Settings:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
         if self.depth < 2:
             raise ValueError(f"depth must be at least 2, got {self.depth}")
-        if self.supervision not in ("volume", "paper"):
-            raise ValueError(f"supervision must be 'volume' or 'paper', got {self.supervision!r}")
+        for name, choices in (("supervision", ("volume", "paper")), ("mapping", ("search", "inverse"))):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
 
     def resolved(self, *, bones: int, d: int) -> "Settings":
         """Settings in which every zero that stands for "as fits the character" is replaced by its number."""
@@ -91,7 +99,8 @@ class Settings:
             self,
             # More bones are more to tell apart, and take longer.
             steps=self.steps or min(2000 + 250 * bones, 10_000),
-            cache_resolution=self.cache_resolution or {2: 512, 3: 128}[d],
+            cache_resolution=self.cache_resolution or {2: 512, 3: 256}[d],
+            weight_resolution=self.weight_resolution or {2: 256, 3: 128}[d],
         )
 
     @classmethod

@@ -69,4 +69,5 @@ SMALL = {
     "points_per_pose": 128,
     "samples_per_frame": 500,
     "cache_resolution": 32,
+    "weight_resolution": 32,
 }

@@ -41,20 +41,20 @@ def saved(models, tmp_path: Path) -> dict[int, Path]:
 def test_answers_have_their_shapes_and_ranges(d: int, models, rng: np.random.Generator) -> None:
     model = models[d]
     x, pose = queries(model, 500, rng)
-    occupancy, W = model.occupancy(x, pose), model.weights(x, pose)
+    occupancy, W = model.occupancy(x, pose, mapping="inverse"), model.weights(x, pose)
     assert occupancy.shape == (500,)
     assert 0 <= occupancy.min() < 0.5 < occupancy.max() <= 1
     assert W.shape == (500, len(model.character.BE) + 1)
     assert W.min() >= 0
     np.testing.assert_allclose(W.sum(axis=1), 1, atol=1e-5)
     # Occupancy by eq. 7 and 8, from the other answers.
-    x_rest = (model.rest_points(x, pose) - rest_center(model.character)) / model.character.L
-    cached = model.field.cache.distance(torch.as_tensor(x_rest, dtype=torch.float32)).numpy()
+    x_rest = (model.rest_points(x, pose, mapping="inverse") - rest_center(model.character)) / model.character.L
+    cached = model.field.inverse.cache.distance(torch.as_tensor(x_rest, dtype=torch.float32)).numpy()
     inside = 1 / (1 + np.exp(np.clip(cached / model.settings.cache_width, -50, 50)))
-    np.testing.assert_allclose(model.occupancy(x, pose, ghost=False), inside, atol=1e-4)
+    np.testing.assert_allclose(model.occupancy(x, pose, mapping="inverse", ghost=False), inside, atol=1e-4)
     np.testing.assert_allclose(occupancy, (1 - W[:, -1]) * inside, atol=1e-4)
     # Distance is the cached one, but for points inside that the ghost bone rules out.
-    distance = model.distance(x, pose) / model.character.L
+    distance = model.distance(x, pose, mapping="inverse") / model.character.L
     overruled = (cached < 0) & (occupancy < 0.5)
     np.testing.assert_allclose(distance[~overruled], cached[~overruled], atol=1e-6)
     np.testing.assert_array_equal(distance < 0, occupancy > 0.5)
@@ -70,7 +70,7 @@ def test_rest_points_invert_the_blend_of_the_weights_answered(d: int, models, rn
     x_rest = inverse_linear_blend_skinning(x, bones / bones.sum(axis=1, keepdims=True), pose)
     near = np.linalg.norm(x_rest - x, axis=1) < 2  # a blend that is nearly singular loses digits
     assert near.mean() > 0.9
-    np.testing.assert_allclose(model.rest_points(x, pose)[near], x_rest[near], atol=1e-3)
+    np.testing.assert_allclose(model.rest_points(x, pose, mapping="inverse")[near], x_rest[near], atol=1e-3)
 
 
 @DIMENSIONS
@@ -112,6 +112,36 @@ def test_a_character_in_another_unit_is_the_same_to_the_field(d: int, characters
 
 
 @DIMENSIONS
+def test_tensors_are_answered_as_arrays_are(d: int, models, rng: np.random.Generator) -> None:
+    model = models[d]
+    x, pose = queries(model, 200, rng)
+    for mapping in ("search", "inverse"):
+        answer = model.answer(*map(torch.as_tensor, (x, pose)), mapping=mapping)
+        np.testing.assert_allclose(
+            answer.distance.numpy(force=True), model.distance(x, pose, mapping=mapping), atol=1e-5
+        )
+        np.testing.assert_allclose(
+            answer.x_rest.numpy(force=True), model.rest_points(x, pose, mapping=mapping), atol=1e-4
+        )
+        occupancy = torch.sigmoid(answer.logit).numpy(force=True)
+        np.testing.assert_allclose(occupancy, model.occupancy(x, pose, mapping=mapping), atol=1e-3)
+
+
+@DIMENSIONS
+def test_rest_points_are_posed_where_they_were_asked(d: int, models, rng: np.random.Generator) -> None:
+    model = models[d]
+    c, pose = model.character, model.motion[3]
+    inner = rng.dirichlet(np.ones(d + 1), 300)
+    element = c.T[rng.integers(0, len(c.T), 300)]
+    x_rest, W = (np.einsum("nc,nci->ni", inner, values[element]) for values in (c.V_volume, c.W_volume))
+    x = linear_blend_skinning(x_rest, W, pose)
+    assert (model.occupancy(x, pose) > 0.5).mean() > 0.97
+    # Each is posed from where it is found, as far as the coarse grid of weights tells.
+    missed = np.linalg.norm(model.rest_points(x, pose) - x_rest, axis=1)
+    assert np.quantile(missed, 0.9) < 0.03 * c.L
+
+
+@DIMENSIONS
 def test_chunks_do_not_change_the_answers(d: int, models, rng: np.random.Generator, monkeypatch) -> None:
     model = models[d]
     x, pose = queries(model, 100, rng)
@@ -145,6 +175,8 @@ def test_what_is_no_query_is_refused(d: int, models) -> None:
     singular[model.root, :d, :d] = 0
     with pytest.raises(ValueError, match=r"^bone 0, the root, has a singular transform$"):
         model.rest_points(np.zeros((4, d)), singular)
+    with pytest.raises(ValueError, match=r"^mapping must be 'search' or 'inverse', got 'forward'$"):
+        model.occupancy(np.zeros((4, d)), pose, mapping="forward")
 
 
 @DIMENSIONS
@@ -185,7 +217,7 @@ def test_what_was_saved_is_loaded(d: int, models, saved, rng: np.random.Generato
 def test_double_precision_survives_a_file(saved, tmp_path: Path, rng: np.random.Generator) -> None:
     model = load_model(saved[2]).to(dtype=torch.float64)
     with torch.no_grad():
-        model.field.network.layers[0].bias += 1e-12
+        model.field.inverse.network.layers[0].bias += 1e-12
     model.save(tmp_path / "double.nilbs")
     again = load_model(tmp_path / "double.nilbs")
     x, pose = queries(model, 50, rng)
@@ -221,7 +253,7 @@ def test_any_truncation_and_any_addition_is_noticed(saved, tmp_path: Path, rng: 
 def test_another_version_is_named(saved, tmp_path: Path) -> None:
     contents, text = read_archive(saved[2], kind=KIND)
     write_archive(tmp_path / "old.nilbs", contents, text, kind="nilbs model 0")
-    with pytest.raises(FileFormatError, match=r"is 'nilbs model 0', not 'nilbs model 1', which this version of nilbs"):
+    with pytest.raises(FileFormatError, match=r"is 'nilbs model 0', not 'nilbs model 2', which this version of nilbs"):
         load_model(tmp_path / "old.nilbs")
 
 
@@ -230,20 +262,28 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
     [
         (lambda c, t: c.pop("character.V"), "V"),
         (lambda c, t: c.pop("motion.frames"), "motion.frames"),
-        (lambda c, t: c.pop("field.network.layers.1.weight"), "layers.1.weight"),
+        (lambda c, t: c.pop("field.inverse.network.layers.1.weight"), "layers.1.weight"),
         (lambda c, t: c.update({"character.W": c["character.W"][:-1]}), r"W must be"),
         (lambda c, t: c.update({"character.F": c["character.F"] + 10**6}), "F has an index outside"),
         (lambda c, t: c.update({"character.P": np.full_like(c["character.P"], 99)}), "does not index"),
         (lambda c, t: c.update({"character.colour": c["character.V"]}), "colour"),
         (lambda c, t: c.update({"motion.B": c["motion.B"][:, :1]}), "the motion has shape"),
-        (lambda c, t: c.update({"field.cache.values": c["field.cache.values"][:1]}), "the rest cache has shape"),
-        (lambda c, t: c.update({"field.cache.origin": np.zeros(7, dtype=np.float32)}), "origin must be"),
+        (
+            lambda c, t: c.update({"field.inverse.cache.values": c["field.inverse.cache.values"][:1]}),
+            "the rest cache has shape",
+        ),
+        (lambda c, t: c.update({"field.inverse.cache.origin": np.zeros(7, dtype=np.float32)}), "origin must be"),
         (lambda c, t: c.update({"history": np.zeros((2, 2))}), "history must be"),
         (lambda c, t: c.update({"character.BE": c["character.BE"].astype(float)}), "must be stored as integers"),
         (lambda c, t: c.update({"character.V": 0 * c["character.V"]}), "all vertices lie in one place"),
         (lambda c, t: t.pop("spacing"), "spacing"),
-        (lambda c, t: t.update(spacing="wide"), "could not convert"),
-        (lambda c, t: t.update(spacing=10**400), "too large"),
+        (lambda c, t: t["spacing"].update({"forward_field": "wide"}), "could not convert"),
+        (lambda c, t: t["spacing"].update({"inverse.cache": 10**400}), "too large"),
+        (lambda c, t: c.update({"field.forward_field.row": c["field.forward_field.row"] + 10**6}), "does not exist"),
+        (lambda c, t: c.update({"field.forward_field.bone": c["field.forward_field.bone"] + 99}), "does not exist"),
+        (lambda c, t: c.update({"field.forward_field.first": -c["field.forward_field.first"]}), "do not follow"),
+        (lambda c, t: c.update({"field.forward_field.row": c["history"]}), "the grid of rest weights has shape"),
+        (lambda c, t: c.update({"field.forward_field.bone": c["history"]}), "32-bit"),
         (lambda c, t: t.update(bones=["a"]), "names or parents of bones do not fit the bones"),
         (lambda c, t: t["settings"].update(steps="many"), "steps must be of type int"),
         (lambda c, t: t["settings"].pop("steps"), "settings are"),

@@ -16,11 +16,11 @@ def test_a_whole_number_stands_for_a_length() -> None:
 
 
 @pytest.mark.parametrize(("bones", "steps"), [(1, 2250), (4, 3000), (32, 10_000), (163, 10_000)])
-@pytest.mark.parametrize(("d", "cells"), [(2, 512), (3, 128)])
-def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, cells: int) -> None:
+@pytest.mark.parametrize(("d", "cells", "weights"), [(2, 512, 256), (3, 256, 128)])
+def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, cells: int, weights: int) -> None:
     resolved = Settings(seed=4).resolved(bones=bones, d=d)
-    assert resolved == Settings(seed=4, steps=steps, cache_resolution=cells)
-    given = Settings(steps=7, cache_resolution=9)
+    assert resolved == Settings(seed=4, steps=steps, cache_resolution=cells, weight_resolution=weights)
+    given = Settings(steps=7, cache_resolution=9, weight_resolution=8)
     assert given.resolved(bones=bones, d=d) == given
 
 
@@ -40,7 +40,8 @@ def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, ce
         ({"width": 0}, "width must be positive, got 0"),
         ({"cache_width": 0.0}, "cache_width must be positive, got 0.0"),
         ({"depth": 1}, "depth must be at least 2, got 1"),
-        ({"supervision": "none"}, "supervision must be 'volume' or 'paper', got 'none'"),
+        ({"supervision": "none"}, "supervision must be one of volume, paper, got 'none'"),
+        ({"mapping": "forward"}, "mapping must be one of search, inverse, got 'forward'"),
     ],
 )
 def test_a_value_out_of_range_is_named(changes: dict, message: str) -> None:

@@ -5,7 +5,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from nilbs.fields.answer import Answer
 from nilbs.fields.cache import RestCache
+from nilbs.fields.cramer import cramer
 from nilbs.fields.network import WeightNetwork
 
 
@@ -71,10 +73,16 @@ class NilbsField(nn.Module):
         log_outside = torch.logaddexp(nn.functional.logsigmoid(-inside), log_ghost + nn.functional.logsigmoid(inside))
         return log_solid + nn.functional.logsigmoid(inside) - log_outside
 
-    def signed_distance(self, values: FieldValues) -> Tensor:
-        """Cached distance (p, n), positive wherever the ghost bone makes the point one outside."""
-        level = -self.cache.width * self.logit(values)
-        return torch.where((level > 0) & (values.distance < 0), level, values.distance)
+    def answer(self, x: Tensor, B: Tensor, *, ghost: bool = True) -> Answer:
+        """Answers at points (n, d) of one pose (b, d+1, d+1).
+
+        The distance is the cached one, but positive wherever the ghost bone makes the point one outside.
+        """
+        values = FieldValues(*(tensor[0] for tensor in self(x[None], B[None])))
+        logit = self.logit(values, ghost=ghost)
+        level = -self.cache.width * logit
+        distance = torch.where((level > 0) & (values.distance < 0), level, values.distance)
+        return Answer(logit, distance, values.x_rest)
 
 
 def inverse_map(x: Tensor, W: Tensor, B: Tensor, *, root: int) -> Tensor:
@@ -101,19 +109,4 @@ def inverse_map(x: Tensor, W: Tensor, B: Tensor, *, root: int) -> Tensor:
     # One product for all points: rows are the entries of the blend, column by column, so that each lies together.
     blend = B.transpose(2, 3).reshape(len(B), B.shape[1], -1).mT @ W.mT
     columns = blend.reshape(len(B), d + 1, d, -1)
-    moved = x.mT - columns[:, d]
-    if d == 2:
-        (a, c), (b, e) = columns[:, 0].unbind(1), columns[:, 1].unbind(1)
-        determinant = a * e - b * c
-        u, v = moved.unbind(1)
-        solution = torch.stack([e * u - b * v, a * v - c * u], dim=-1)
-    else:
-        first, second, third = columns[:, 0], columns[:, 1], columns[:, 2]
-        normal = torch.linalg.cross(second, third, dim=1)
-        determinant = (first * normal).sum(dim=1)
-        # Cramer's rule, with triple products turned so that two cross products serve all three.
-        turned = torch.linalg.cross(first, moved, dim=1)
-        solution = torch.stack([(moved * normal).sum(1), (turned * third).sum(1), -(turned * second).sum(1)], dim=-1)
-    held = determinant.abs() < 1e-4
-    determinant = torch.where(held, torch.where(determinant < 0, -1e-4, 1e-4).to(determinant), determinant)
-    return solution / determinant[..., None]
+    return cramer(columns[:, :d].unbind(1), x.mT - columns[:, d], dim=1)

@@ -73,8 +73,8 @@ def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = 
     true = occupancy(U, character.F, x)
     predictions = {
         "truth": true,
-        "without the ghost bone": model.occupancy(x, pose, ghost=False) > 0.5,
-        "with the ghost bone": model.occupancy(x, pose) > 0.5,
+        "without the ghost bone": model.occupancy(x, pose, mapping="inverse", ghost=False) > 0.5,
+        "with the ghost bone": model.occupancy(x, pose, mapping="inverse") > 0.5,
     }
     figure, panels = sheet(1, 3, title=f"{character.name}: {label}{note}", width=3.2, height=3.2)
     palette = np.array([[to_rgb(OUTSIDE), to_rgb(FALSE_INSIDE)], [to_rgb(FALSE_OUTSIDE), to_rgb(RIGHT_INSIDE)]])
@@ -100,4 +100,5 @@ def _changed(model: "Model", front: View, pose: np.ndarray) -> float:
     """The share of a coarse section's pixels that the ghost bone changes."""
     U = linear_blend_skinning(model.character.V, model.character.W, pose)
     x = Section.through(front, U, scale=1.5, pixels=48).points()
-    return float(np.mean((model.occupancy(x, pose) > 0.5) != (model.occupancy(x, pose, ghost=False) > 0.5)))
+    with_ghost, without = (model.occupancy(x, pose, mapping="inverse", ghost=ghost) > 0.5 for ghost in (True, False))
+    return float(np.mean(with_ghost != without))

@@ -13,7 +13,7 @@ from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
 from nilbs.io.strict_json import parse_json
 
-KINDS = {np.dtype(kind) for kind in ("float32", "float64", "int64", "bool")}
+KINDS = {np.dtype(kind) for kind in ("float32", "float64", "int32", "int64", "bool")}
 
 
 def write_archive(
@@ -26,7 +26,7 @@ def write_archive(
     path : path
         Where to; a file that is there is replaced.
     arrays : mapping of str to array
-        float32, float64, int64 or bool.
+        float32, float64, int32, int64 or bool.
     settings : mapping
         Anything JSON holds.
     kind : str

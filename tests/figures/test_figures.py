@@ -42,7 +42,9 @@ class Truth:
     def posed(self, pose: np.ndarray) -> np.ndarray:
         return linear_blend_skinning(self.character.V, self.character.W, pose)
 
-    def occupancy(self, x: np.ndarray, pose: np.ndarray, *, ghost: bool = True) -> np.ndarray:
+    def occupancy(
+        self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True
+    ) -> np.ndarray:
         return occupancy(self.posed(pose), self.character.F, x).astype(float)
 
     def weights(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -55,7 +57,9 @@ class Truth:
 class Inverted(Truth):
     """A model whose every answer is wrong without the ghost bone, and which finds no surface."""
 
-    def occupancy(self, x: np.ndarray, pose: np.ndarray, *, ghost: bool = True) -> np.ndarray:
+    def occupancy(
+        self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True
+    ) -> np.ndarray:
         return super().occupancy(x, pose) if ghost else 1 - super().occupancy(x, pose)
 
     def extract(self, pose: np.ndarray, resolution: int = 128) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +94,7 @@ def test_ghost_figure_colours_what_is_wrong_and_nothing_else(d, tmp_path):
 
 def test_ghost_figure_chooses_the_frame_that_changes_most(tmp_path):
     class OneFrame(Truth):
-        def occupancy(self, x, pose, *, ghost=True):
+        def occupancy(self, x, pose, *, mapping=None, ghost=True):
             inside = super().occupancy(x, pose)
             return 1 - inside if not ghost and np.array_equal(pose, self.motion[2]) else inside
 

@@ -1,0 +1,42 @@
+"""Small linear systems by Cramer's rule: many at once, with derivatives, on any device."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+# Where a determinant is smaller it is held at this, which sends the solution far away instead of nowhere.
+SMALLEST = 1e-4
+
+
+def cramer(columns: Sequence[Tensor], y: Tensor, *, dim: int) -> Tensor:
+    """Solutions z of sum_i z_i columns_i = y.
+
+    Parameters
+    ----------
+    columns : two or three tensors
+        Columns of the matrices, as many as `dim` is long.
+    y : tensor
+        Right-hand sides, of the columns' shape.
+    dim : int
+        The dimension that holds the equations; the others are a batch.
+
+    Returns
+    -------
+    z : tensor
+        Of the batch's shape, with the unknowns last.
+    """
+    if len(columns) == 2:
+        (a, c), (b, e), (u, v) = (vector.unbind(dim) for vector in (*columns, y))
+        determinant = a * e - b * c
+        solution = torch.stack([e * u - b * v, a * v - c * u], dim=-1)
+    else:
+        first, second, third = columns
+        normal = torch.linalg.cross(second, third, dim=dim)
+        determinant = (first * normal).sum(dim)
+        # Triple products are turned so that two cross products serve all three unknowns.
+        turned = torch.linalg.cross(first, y, dim=dim)
+        solution = torch.stack([(y * normal).sum(dim), (turned * third).sum(dim), -(turned * second).sum(dim)], dim=-1)
+    held = determinant.abs() < SMALLEST
+    determinant = torch.where(held, torch.where(determinant < 0, -SMALLEST, SMALLEST).to(determinant), determinant)
+    return solution / determinant[..., None]

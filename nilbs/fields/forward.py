@@ -1,0 +1,143 @@
+"""The forward field: skinning weights of rest points, the same for every pose, kept on a grid."""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+# Weights below this are not kept; the rest of the row is scaled to sum to one.
+SMALLEST = 1e-4
+
+
+class Forward(NamedTuple):
+    """Where rest points go: posed points (n, d), and the derivative (n, d, d) of posed by rest coordinates."""
+
+    x: Tensor
+    jacobian: Tensor
+
+
+class ForwardField(nn.Module):
+    """Forward skinning x = sum_b W_b(x_rest) B_b x_rest (eq. 4) with weights interpolated multilinearly on a grid.
+
+    A pose blends the transforms once, at the grid's nodes; after that a point costs the same for any number of bones.
+
+    Parameters
+    ----------
+    row : (n_1, .., n_d) int tensor
+        Row of weights of every node; nodes far from the body have that of the nearest node that has one of its own.
+    bone, weight : (s,) int and float tensors
+        Weights that are not zero and their bones, row by row.
+    first : (rows + 1,) int tensor
+        Where each row begins.
+    origin : (d,) tensor
+        Position of the first node.
+    spacing : float
+        Edge of a cell.
+    """
+
+    row: Tensor
+    bone: Tensor
+    weight: Tensor
+    first: Tensor
+    origin: Tensor
+
+    def __init__(
+        self, row: Tensor, bone: Tensor, weight: Tensor, first: Tensor, origin: Tensor, spacing: float
+    ) -> None:
+        super().__init__()
+        for name, tensor in (("row", row), ("bone", bone), ("weight", weight), ("first", first), ("origin", origin)):
+            self.register_buffer(name, tensor)
+        self.spacing = float(spacing)
+
+    def blends(self, B: Tensor) -> Tensor:
+        """Blended transforms of all rows for one pose.
+
+        Parameters
+        ----------
+        B : (b, d+1, d+1) tensor
+            Pose, rest to posed.
+
+        Returns
+        -------
+        blends : (rows, d (d+1)) tensor
+            The upper rows of every blend, one after the other.
+        """
+        d = B.shape[-1] - 1
+        return nn.functional.embedding_bag(
+            self.bone, B[:, :d].reshape(len(B), -1), self.first[:-1], mode="sum", per_sample_weights=self.weight
+        )
+
+    def pose(self, x_rest: Tensor, blends: Tensor) -> Forward:
+        """Posed places of rest points.
+
+        Parameters
+        ----------
+        x_rest : (n, d) tensor
+            Rest points; beyond the grid they move with its border.
+        blends : (rows, d (d+1)) tensor
+            Of `blends`.
+
+        Returns
+        -------
+        forward : Forward
+        """
+        n, d = x_rest.shape
+        shape = torch.tensor(self.row.shape, dtype=x_rest.dtype, device=x_rest.device)
+        position = torch.minimum(((x_rest - self.origin) / self.spacing).clamp_min(0), shape - 1)
+        cell = torch.minimum(torch.nan_to_num(position.detach()).floor(), shape - 2)
+        near = position - cell  # per axis, the share of the farther node
+        strides = self.row.stride()
+        base = (cell.long() * torch.tensor(strides, device=cell.device)).sum(dim=-1)
+        offsets = torch.tensor([np.dot(corner, strides) for corner in np.ndindex(*(2,) * d)], device=cell.device)
+        corners = blends[self.row.ravel()[base[:, None] + offsets]].reshape(n, *(2,) * d, blends.shape[1])
+        # Along one axis after the other: value and derivatives so far, each over the axes that are left.
+        parts = [corners]
+        for axis in range(d):
+            share = near[:, axis].reshape(n, *(1,) * (d - axis))
+            ends = [(part[:, 0], part[:, 1]) for part in parts]
+            slope = (ends[0][1] - ends[0][0]) / self.spacing
+            parts = [low + share * (high - low) for low, high in ends] + [slope]
+        blend, *slopes = (part.reshape(n, d, d + 1) for part in parts)
+        moved = _affine(blend, x_rest)
+        turned = torch.stack([_affine(slope, x_rest) for slope in slopes], dim=-1)
+        return Forward(moved, blend[..., :d] + turned)
+
+
+def packed_weights(node: np.ndarray, W_node: np.ndarray, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
+    """Weights at some nodes of a grid, as a `ForwardField` holds them.
+
+    Parameters
+    ----------
+    node : (s,) int array
+        Nodes whose weights are known, as indices among all.
+    W_node : (s, b) float array
+        Their weights; rows sum to one.
+    shape : tuple of int
+        Of the grid.
+
+    Returns
+    -------
+    arrays : dict
+        "row", "bone", "weight" and "first".
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    known = np.zeros(shape, dtype=bool)
+    known.ravel()[node] = True
+    row = np.full(shape, -1, dtype=np.int32)
+    row.ravel()[node] = np.arange(len(node), dtype=np.int32)
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    kept = np.abs(W_node) > SMALLEST
+    weight = np.where(kept, W_node, 0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    return {
+        "row": row[tuple(nearest)],
+        "bone": np.nonzero(kept)[1].astype(np.int32),
+        "weight": weight[kept],
+        "first": np.concatenate([[0], np.cumsum(kept.sum(axis=1))]).astype(np.int32),
+    }
+
+
+def _affine(A: Tensor, x: Tensor) -> Tensor:
+    return (A[..., :-1] @ x[..., None])[..., 0] + A[..., -1]

@@ -1,0 +1,94 @@
+"""Root search: the rest points that forward skinning sends to a posed point, found from a few good starts."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from nilbs.fields.cramer import cramer
+from nilbs.fields.forward import ForwardField
+
+# Lengths are in units of the body's longest edge.
+ACCURACY = 1e-5  # a point this near to where it must be moves no more
+ROOT = 1e-3  # farther from where it must be than this is no root
+STEP = 0.1  # the longest step
+
+
+class Roots(NamedTuple):
+    """Where a search ended: points (n, d), how far their images miss (n,), and look-ups of the forward field."""
+
+    x_rest: Tensor
+    residual: Tensor
+    evaluations: int
+
+
+def newton(
+    x: Tensor, start: Tensor, field: ForwardField, blends: Tensor, *, iterations: int, accuracy: float = ACCURACY
+) -> Roots:
+    """Rest points that forward skinning sends to posed points.
+
+    Parameters
+    ----------
+    x : (n, d) tensor
+        Posed points.
+    start : (n, d) tensor
+        Where to begin.
+    field : ForwardField
+    blends : (rows, d (d+1)) tensor
+        Of the pose.
+    iterations : int
+        The most steps; each looks the field up once, and there is one look-up more.
+    accuracy : float
+        Points that miss by less are done.
+
+    Returns
+    -------
+    roots : Roots
+        The best places met, without a graph of derivatives.
+
+    Notes
+    -----
+    Newton's method on the piecewise multilinear forward map, whose exact derivative comes with its value. A step is no
+    longer than a tenth of the body.
+    """
+    with torch.no_grad():
+        x_rest, best = start.clone(), torch.full_like(start[:, 0], torch.inf)
+        active = torch.arange(len(x), device=x.device)
+        guess, evaluations = start, 0
+        for iteration in range(iterations + 1):
+            posed, jacobian = field.pose(guess, blends)
+            evaluations += len(guess)
+            missing = x[active] - posed
+            residual = missing.norm(dim=-1)
+            better = residual < best[active]
+            x_rest[active[better]], best[active[better]] = guess[better], residual[better]
+            going = residual > accuracy
+            if iteration == iterations or not bool(going.any()):
+                break
+            step = cramer(jacobian[going].unbind(-1), missing[going], dim=-1)
+            step = step * (STEP / step.norm(dim=-1, keepdim=True).clamp_min(STEP))
+            active, guess = active[going], guess[going] + step
+        return Roots(x_rest, best, evaluations)
+
+
+def implicit(x: Tensor, root: Tensor, field: ForwardField, blends: Tensor) -> Tensor:
+    """Roots as functions of the posed points and of the pose.
+
+    Parameters
+    ----------
+    x : (n, d) tensor
+        Posed points.
+    root : (n, d) tensor
+        Their rest images, found without a graph.
+    field : ForwardField
+    blends : (rows, d (d+1)) tensor
+        Of the pose, with a graph where derivatives by it are wanted.
+
+    Returns
+    -------
+    x_rest : (n, d) tensor
+        The same places, one Newton step on, with first derivatives by the implicit function theorem:
+        d x_rest = J^-1 (d x - d posed), J being the derivative of posed by rest coordinates.
+    """
+    posed, jacobian = field.pose(root.detach(), blends)
+    return root.detach() + cramer(jacobian.detach().unbind(-1), x - posed, dim=-1)
