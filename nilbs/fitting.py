@@ -92,7 +92,9 @@ def fit(
         state = _load_checkpoint(Path(checkpoint), fingerprint, report)
     torch.manual_seed(settings.seed)
     field = _untrained(character, settings, dtype).to(torch_device(device))
-    objective = _objective(field.inverse, character, motion, settings, progress=progress)
+    # Look-ups take the most of a step's time, and the network does not learn to a cell's width.
+    learning = NilbsField(field.inverse.network, field.inverse.cache.coarser(), root=field.inverse.root)
+    objective = _objective(learning, character, motion, settings, progress=progress)
 
     def save(state: TrainingState) -> None:
         if checkpoint is not None:

@@ -47,7 +47,8 @@ class Settings:
         Where the trained field takes rest images from: a root search that begins at the network's answer, or the
         network's inverse map alone, as in the paper. The training is the same.
     cache_resolution : int
-        Cells of the rest cache along its longest edge; 0 takes 256 in space and 512 in the plane.
+        Cells of the rest cache along its longest edge; 0 takes 256 in space and 512 in the plane. Training
+        reads every other node.
     weight_resolution : int
         Cells of the grid of rest weights along its longest edge; 0 takes 128 in space and 256 in the plane.
     cache_width : float

@@ -71,7 +71,7 @@ class PosedSearch:
                 going = torch.nonzero(distance >= 0)[:, 0]
                 local = B_inverse[bone[going]]
                 start = (local[:, :-1, :-1] @ x[going, :, None])[..., 0] + local[:, :-1, -1]
-                worth = (start - root[going]).norm(dim=-1) > SAME
+                worth = torch.isinf(distance[going]) | ((start - root[going]).norm(dim=-1) > SAME)
                 worth &= inverse.cache.distance(start) < REACH
                 going, start = going[worth], start[worth]
                 found = self._search(x[going], start)

@@ -1,0 +1,123 @@
+"""Root search on bodies whose every rest image is known: a rod that is bent until it lies on itself."""
+
+import numpy as np
+import pytest
+import torch
+
+from nilbs.fields.cache import RestCache
+from nilbs.fields.forward import ForwardField, packed_weights
+from nilbs.fields.network import WeightNetwork
+from nilbs.fields.nilbs import NilbsField
+from nilbs.fields.search import SearchField
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
+
+HALF, RADIUS = 0.5, 0.08  # of a rod along the first axis, with a bone on either side of the origin
+BLEND = 0.1  # length over which one bone's weights give way to the other's
+
+
+def weights(x_rest: np.ndarray) -> np.ndarray:
+    second = np.clip(x_rest[:, 0] / BLEND + 0.5, 0, 1)
+    return np.stack([1 - second, second], axis=1)
+
+
+def distance(x_rest: np.ndarray) -> np.ndarray:
+    along = x_rest.copy()
+    along[:, 0] -= np.clip(along[:, 0], -HALF + RADIUS, HALF - RADIUS)
+    return np.linalg.norm(along, axis=1) - RADIUS
+
+
+def rod(d: int) -> SearchField:
+    """A rod with exact grids and a network that was never trained."""
+    torch.manual_seed(1)
+    box = np.array([[-HALF] + [-RADIUS] * (d - 1), [HALF] + [RADIUS] * (d - 1)])
+    fine, grid = Grid.box(box, 100, pad=0.1), Grid.box(box, 60, pad=0.1)
+    cache = RestCache(
+        torch.as_tensor(distance(fine.points()).reshape(fine.shape)), torch.as_tensor(fine.origin), fine.spacing,
+        width=0.003,
+    )  # fmt: skip
+    packed = packed_weights(np.arange(grid.size), weights(grid.points()), grid.shape)
+    arrays = {name: torch.as_tensor(array) for name, array in packed.items()}
+    forward = ForwardField(**arrays, origin=torch.as_tensor(grid.origin), spacing=grid.spacing)
+    centers = torch.zeros((2, d))
+    centers[0, 0] = -HALF
+    network = WeightNetwork(centers, scale=1.0, width=8, depth=2)
+    return SearchField(NilbsField(network, cache, root=0), forward).double()
+
+
+def bent(d: int, angle: float) -> torch.Tensor:
+    """The second bone turned about the origin."""
+    theta = np.zeros((2, 3 if d == 3 else 1))
+    theta[1, -1] = angle
+    return torch.as_tensor(rigid_transforms(rotation_matrices(theta), np.zeros((2, d))))
+
+
+def posed(x_rest: np.ndarray, B: torch.Tensor) -> np.ndarray:
+    homogeneous = np.concatenate([x_rest, np.ones((len(x_rest), 1))], axis=1)
+    d = x_rest.shape[1]
+    return np.einsum("nb,bij,nj->ni", weights(x_rest), B.numpy()[:, :d], homogeneous)
+
+
+def points(d: int, n: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.uniform(-1, 1, (n, d)) * ([HALF] + [RADIUS] * (d - 1))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("angle", [0.0, 0.8, -1.5])
+def test_posed_points_of_the_rod_are_found_inside(d: int, angle: float, rng: np.random.Generator) -> None:
+    field, B = rod(d), bent(d, angle)
+    x_rest = points(d, 2000, rng)
+    x_rest = x_rest[np.abs(distance(x_rest)) > 0.003]
+    inside = distance(x_rest) < 0
+    # Close to the inner side of the bend the rod folds over itself: there one place has several images.
+    far = np.abs(x_rest[:, 0]) > 0.12
+    x = torch.as_tensor(posed(x_rest, B))
+    with torch.no_grad():
+        answer = field.posed(B)(x)
+    np.testing.assert_array_equal(answer.logit.numpy()[far] > 0, inside[far])
+    np.testing.assert_allclose(answer.x_rest.numpy()[far & inside], x_rest[far & inside], atol=1.5e-3)
+    assert (answer.logit.numpy() > 0)[inside].mean() > 0.99
+    assert (answer.distance < 0).eq(answer.logit > 0).all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_of_a_body_on_itself_one_image_inside_is_enough(d: int, rng: np.random.Generator) -> None:
+    field, B = rod(d), bent(d, np.pi - 0.25)
+    # Both halves lie side by side and overlap near the bend: all of either is inside.
+    x_rest = points(d, 4000, rng)
+    x_rest = x_rest[(distance(x_rest) < -0.003) & (np.abs(x_rest[:, 0]) > 0.12)]
+    with torch.no_grad():
+        ask = field.posed(B)
+        answer = ask(torch.as_tensor(posed(x_rest, B)))
+    assert (answer.logit > 0).all()
+    assert ask.queries == len(x_rest)
+    assert ask.evaluations < 20 * len(x_rest)
+    # What is called an image is one.
+    with torch.no_grad():
+        again = field.forward_field.pose(answer.x_rest, ask.blends).x.numpy()
+    np.testing.assert_allclose(again, posed(x_rest, B), atol=1e-3)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_nothing_far_away_is_inside(d: int, rng: np.random.Generator) -> None:
+    field, B = rod(d), bent(d, 2.0)
+    x = torch.as_tensor(rng.uniform(1, 5, (500, d)))
+    with torch.no_grad():
+        answer = field.posed(B)(x)
+    assert (answer.distance > 0.1).all()
+    assert (answer.logit < 0).all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_derivatives_by_the_point_and_by_the_pose(d: int, rng: np.random.Generator) -> None:
+    field = rod(d)
+    B = bent(d, 0.7)
+    x_rest = points(d, 200, rng)
+    x_rest = x_rest[np.abs(distance(x_rest)) < 0.05][:12]
+    x = torch.as_tensor(posed(x_rest, B))
+
+    def answers(x: torch.Tensor, B: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        answer = field.posed(B)(x)
+        return answer.distance, answer.x_rest
+
+    assert torch.autograd.gradcheck(answers, (x.requires_grad_(), B.requires_grad_()), eps=1e-7, atol=1e-4)
