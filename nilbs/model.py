@@ -351,18 +351,20 @@ def check_field(state: Mapping[str, np.ndarray], character: Character) -> None:
     for name, grid in (("rest cache", values), ("grid of rest weights", row)):
         if grid.ndim != d or min(grid.shape) < 2:
             raise ValueError(f"the {name} has shape {grid.shape}")
-    bone, weight = state[f"{FORWARD}.bone"], state[f"{FORWARD}.weight"]
+    bone, weight, node = (state[f"{FORWARD}.{name}"] for name in ("bone", "weight", "node"))
     arrays(
         values=(values.ravel(), "n"), origin=(state[f"{CACHE}.origin"], f"{d}"),
         weight=(weight, "s"), weight_origin=(state[f"{FORWARD}.origin"], f"{d}"),
     )  # fmt: skip
-    if any(indices.dtype != np.int32 for indices in (row, bone, first)):
-        raise ValueError("row, bone and first must be stored as 32-bit integers")
+    if any(indices.dtype != np.int32 for indices in (row, node, bone, first)):
+        raise ValueError("row, node, bone and first must be stored as 32-bit integers")
     steps = np.diff(first.astype(np.int64))
     if first.ndim != 1 or len(first) < 2 or first[0] != 0 or first[-1] != len(bone) or (steps < 1).any():
         raise ValueError("the rows of rest weights do not follow each other")
     if bone.shape != weight.shape or row.min() < 0 or row.max() >= len(steps) or bone.min() < 0 or bone.max() >= b:
         raise ValueError("a row or a bone of the rest weights does not exist")
+    if node.shape != steps.shape or node.min() < 0 or node.max() >= row.size:
+        raise ValueError("a node of the rest weights does not exist")
 
 
 def blank_field(
@@ -387,6 +389,7 @@ def blank_field(
     network = WeightNetwork(torch.as_tensor(centers), scale=1.0, width=settings.width, depth=settings.depth)
     forward_field = ForwardField(
         row=part[f"{FORWARD}.row"],
+        node=part[f"{FORWARD}.node"],
         bone=part[f"{FORWARD}.bone"],
         weight=part[f"{FORWARD}.weight"],
         first=part[f"{FORWARD}.first"],

@@ -26,6 +26,8 @@ class ForwardField(nn.Module):
     ----------
     row : (n_1, .., n_d) int tensor
         Row of weights of every node; nodes far from the body have that of the nearest node that has one of its own.
+    node : (rows,) int tensor
+        The node of each row, counted with the last axis running fastest.
     bone, weight : (s,) int and float tensors
         Weights that are not zero and their bones, row by row.
     first : (rows + 1,) int tensor
@@ -37,18 +39,32 @@ class ForwardField(nn.Module):
     """
 
     row: Tensor
+    node: Tensor
     bone: Tensor
     weight: Tensor
     first: Tensor
     origin: Tensor
 
     def __init__(
-        self, row: Tensor, bone: Tensor, weight: Tensor, first: Tensor, origin: Tensor, spacing: float
+        self,
+        row: Tensor,
+        node: Tensor,
+        bone: Tensor,
+        weight: Tensor,
+        first: Tensor,
+        origin: Tensor,
+        spacing: float,
     ) -> None:
         super().__init__()
-        for name, tensor in (("row", row), ("bone", bone), ("weight", weight), ("first", first), ("origin", origin)):
+        parts = {"row": row, "node": node, "bone": bone, "weight": weight, "first": first, "origin": origin}
+        for name, tensor in parts.items():
             self.register_buffer(name, tensor)
         self.spacing = float(spacing)
+
+    def nodes(self) -> Tensor:
+        """Rest places (rows, d) of the nodes that have weights of their own."""
+        index = torch.stack(torch.unravel_index(self.node.long(), self.row.shape), dim=-1)
+        return self.origin + self.spacing * index
 
     def blends(self, B: Tensor) -> Tensor:
         """Blended transforms of all rows for one pose.
@@ -99,8 +115,8 @@ class ForwardField(nn.Module):
             slope = (ends[0][1] - ends[0][0]) / self.spacing
             parts = [low + share * (high - low) for low, high in ends] + [slope]
         blend, *slopes = (part.reshape(n, d, d + 1) for part in parts)
-        moved = _affine(blend, x_rest)
-        turned = torch.stack([_affine(slope, x_rest) for slope in slopes], dim=-1)
+        moved = affine(blend, x_rest)
+        turned = torch.stack([affine(slope, x_rest) for slope in slopes], dim=-1)
         return Forward(moved, blend[..., :d] + turned)
 
 
@@ -119,7 +135,7 @@ def packed_weights(node: np.ndarray, W_node: np.ndarray, shape: tuple[int, ...])
     Returns
     -------
     arrays : dict
-        "row", "bone", "weight" and "first".
+        "row", "node", "bone", "weight" and "first".
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -133,11 +149,13 @@ def packed_weights(node: np.ndarray, W_node: np.ndarray, shape: tuple[int, ...])
     weight /= weight.sum(axis=1, keepdims=True)
     return {
         "row": row[tuple(nearest)],
+        "node": np.asarray(node, dtype=np.int32),
         "bone": np.nonzero(kept)[1].astype(np.int32),
         "weight": weight[kept],
         "first": np.concatenate([[0], np.cumsum(kept.sum(axis=1))]).astype(np.int32),
     }
 
 
-def _affine(A: Tensor, x: Tensor) -> Tensor:
+def affine(A: Tensor, x: Tensor) -> Tensor:
+    """Points (n, d) moved by affine maps (n, d, d+1)."""
     return (A[..., :-1] @ x[..., None])[..., 0] + A[..., -1]

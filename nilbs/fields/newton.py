@@ -9,9 +9,9 @@ from nilbs.fields.cramer import cramer
 from nilbs.fields.forward import ForwardField
 
 # Lengths are in units of the body's longest edge.
-ACCURACY = 1e-5  # a point this near to where it must be moves no more
 ROOT = 1e-3  # farther from where it must be than this is no root
 STEP = 0.1  # the longest step
+SHORTER = 0.3  # a step that led farther away is taken again, this much shorter
 
 
 class Roots(NamedTuple):
@@ -23,7 +23,7 @@ class Roots(NamedTuple):
 
 
 def newton(
-    x: Tensor, start: Tensor, field: ForwardField, blends: Tensor, *, iterations: int, accuracy: float = ACCURACY
+    x: Tensor, start: Tensor, field: ForwardField, blends: Tensor, *, iterations: int, accuracy: float | None = None
 ) -> Roots:
     """Rest points that forward skinning sends to posed points.
 
@@ -39,7 +39,7 @@ def newton(
     iterations : int
         The most steps; each looks the field up once, and there is one look-up more.
     accuracy : float
-        Points that miss by less are done.
+        Points that miss by less are done; by default a hundred times the precision of x.
 
     Returns
     -------
@@ -49,25 +49,30 @@ def newton(
     Notes
     -----
     Newton's method on the piecewise multilinear forward map, whose exact derivative comes with its value. A step is no
-    longer than a tenth of the body.
+    longer than a tenth of the body, and one that leads farther away is taken back and made shorter.
     """
+    if accuracy is None:
+        accuracy = 100 * torch.finfo(x.dtype).eps
     with torch.no_grad():
         x_rest, best = start.clone(), torch.full_like(start[:, 0], torch.inf)
+        step = torch.zeros_like(start)
         active = torch.arange(len(x), device=x.device)
-        guess, evaluations = start, 0
-        for iteration in range(iterations + 1):
+        evaluations = 0
+        for _ in range(iterations + 1):
+            guess = x_rest[active] + step
             posed, jacobian = field.pose(guess, blends)
             evaluations += len(guess)
             missing = x[active] - posed
             residual = missing.norm(dim=-1)
             better = residual < best[active]
             x_rest[active[better]], best[active[better]] = guess[better], residual[better]
-            going = residual > accuracy
-            if iteration == iterations or not bool(going.any()):
+            newton_step = cramer(jacobian.unbind(-1), missing, dim=-1)
+            newton_step = newton_step * (STEP / newton_step.norm(dim=-1, keepdim=True).clamp_min(STEP))
+            step = torch.where(better[:, None], newton_step, SHORTER * step)
+            going = best[active] > accuracy
+            if not bool(going.any()):
                 break
-            step = cramer(jacobian[going].unbind(-1), missing[going], dim=-1)
-            step = step * (STEP / step.norm(dim=-1, keepdim=True).clamp_min(STEP))
-            active, guess = active[going], guess[going] + step
+            active, step = active[going], step[going]
         return Roots(x_rest, best, evaluations)
 
 

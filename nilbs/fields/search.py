@@ -7,15 +7,14 @@ from nilbs.fields.answer import Answer
 from nilbs.fields.forward import ForwardField
 from nilbs.fields.newton import ROOT, implicit, newton
 from nilbs.fields.nilbs import NilbsField
+from nilbs.fields.overlap import Overlap
 
 # Steps of one search.
 ITERATIONS = 6
-# Bones from which a search begins after the network's own, in the order of their weights.
-BONES = 6
-# Lengths are in units of the body's longest edge. A start this near to a root that is known finds it again.
+# In units of the body's longest edge: a start this near to a root that is known finds it again.
 SAME = 0.02
-# A start farther than this from the body at rest leads to no root in it.
-REACH = 0.05
+# In cells of the grid of weights: nodes no farther from the skin are places to begin from.
+BEYOND = 2.0
 
 
 class SearchField(nn.Module):
@@ -24,8 +23,8 @@ class SearchField(nn.Module):
     Forward skinning has one weight field for all poses; its inverse is what depends on the pose. Whether a posed point
     is inside is whether forward skinning sends a point of the body there. The network's inverse map (eq. 6) tells about
     where such a point is, a few steps of Newton's method find it, and what then is left between its image and the
-    query (the residual) tells whether it is one. Where bodies overlap themselves there are several, so the search
-    begins again from the bones to which the network gives the largest weights, until one lies inside.
+    query (the residual) tells whether it is one. Where the body overlaps itself there are several, and one inside is
+    enough: the search begins again from every part of the body that lies there.
 
     Parameters
     ----------
@@ -35,9 +34,15 @@ class SearchField(nn.Module):
         The rest weights.
     """
 
+    body: Tensor  # nodes of the forward field in the body and just beyond its skin
+
     def __init__(self, inverse: NilbsField, forward_field: ForwardField) -> None:
         super().__init__()
         self.inverse, self.forward_field = inverse, forward_field
+        places = forward_field.nodes()
+        near = inverse.cache.distance(places.to(inverse.cache.values)) < BEYOND * forward_field.spacing
+        # What the grids tell is not kept in a file a second time.
+        self.register_buffer("body", torch.nonzero(near)[:, 0], persistent=False)
 
     def posed(self, B: Tensor) -> "PosedSearch":
         """The field in a pose, (b, d+1, d+1) rest to posed."""
@@ -56,6 +61,9 @@ class PosedSearch:
     def __init__(self, field: SearchField, B: Tensor) -> None:
         self.field, self.B = field, B
         self.blends = field.forward_field.blends(B)
+        with torch.no_grad():
+            places = field.forward_field.nodes()[field.body]
+            self.overlap = Overlap(places, self.blends[field.body], field.forward_field.spacing)
         self.queries = self.evaluations = 0
 
     def __call__(self, x: Tensor) -> Answer:
@@ -65,16 +73,11 @@ class PosedSearch:
         with torch.no_grad():
             first = inverse(x[None], self.B[None])
             root, distance, residual = self._search(x, first.x_rest[0])
-            B_inverse = torch.linalg.inv(self.B)
-            bones = first.logits[0, :, :-1].topk(min(BONES, len(self.B))).indices
-            for bone in bones.unbind(-1):
-                going = torch.nonzero(distance >= 0)[:, 0]
-                local = B_inverse[bone[going]]
-                start = (local[:, :-1, :-1] @ x[going, :, None])[..., 0] + local[:, :-1, -1]
-                worth = torch.isinf(distance[going]) | ((start - root[going]).norm(dim=-1) > SAME)
-                worth &= inverse.cache.distance(start) < REACH
-                going, start = going[worth], start[worth]
-                found = self._search(x[going], start)
+            for start in self.overlap(x).unbind(1):
+                worth = (distance >= 0) & ~start.isnan().any(dim=-1)
+                worth &= torch.isinf(distance) | ((start - root).norm(dim=-1) > SAME)
+                going = torch.nonzero(worth)[:, 0]
+                found = self._search(x[going], start[going])
                 better = found[1] < distance[going]
                 better |= torch.isinf(distance[going]) & (found[2] < residual[going])
                 for kept, new in zip((root, distance, residual), found, strict=True):

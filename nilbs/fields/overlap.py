@@ -1,0 +1,71 @@
+"""Which parts of the body lie at a posed place: candidates for its rest images, one from each part."""
+
+import torch
+from torch import Tensor
+
+from nilbs.fields.forward import affine
+
+# Edge of a posed cell in cells at rest: wide enough that a body stretched to twice its length leaves none empty.
+CELL = 2.5
+# In units of the body's longest edge: rest places this far apart are of different parts.
+APART = 0.05
+PARTS = 6  # the most parts told of one cell
+# The most cells along an edge of the grid around the posed body, however far a pose stretches it.
+CELLS = 128
+
+
+class Overlap:
+    """Parts of the body in the cells of a grid around it, for one pose.
+
+    Nodes of the rest grid are posed once and sorted into cells; of the nodes in a cell a few stay that lie apart at
+    rest. Where the body does not overlap itself that is one.
+
+    Parameters
+    ----------
+    x_rest : (s, d) tensor
+        Nodes in the body and just beyond its skin.
+    blends : (s, d (d+1)) tensor
+        Their blended transforms.
+    spacing : float
+        Of the nodes.
+    """
+
+    def __init__(self, x_rest: Tensor, blends: Tensor, spacing: float) -> None:
+        d = x_rest.shape[-1]
+        x = affine(blends.reshape(-1, d, d + 1), x_rest)
+        if not len(x):  # a body thinner than a cell has no node inside
+            x_rest = x = torch.full((1, d), torch.nan, dtype=x.dtype, device=x.device)
+        self.origin = x.amin(dim=0)
+        extent = x.amax(dim=0) - self.origin
+        self.edge = max(CELL * spacing, float(extent.max()) / CELLS)
+        self.shape = [int(size) + 1 for size in extent / self.edge]
+        key = self._key(x)
+        known, cell = torch.unique(key, return_inverse=True)
+        self.cell = torch.full((int(torch.tensor(self.shape).prod()),), -1, dtype=torch.int64, device=x.device)
+        self.cell[known] = torch.arange(len(known), device=x.device)
+        parts = torch.full((len(known), PARTS, d), torch.nan, dtype=x.dtype, device=x.device)
+        # Of the nodes that are left the first of each cell is a part, and takes with it all that lie near.
+        left = torch.arange(len(x), device=x.device)
+        for part in range(PARTS):
+            first = torch.full((len(known),), len(x), device=x.device)
+            first.scatter_reduce_(0, cell[left], left, "amin")
+            found = first < len(x)
+            parts[found, part] = x_rest[first[found]]
+            left = left[(x_rest[left] - parts[cell[left], part]).norm(dim=-1) > APART]
+        self.parts = parts
+
+    def __call__(self, x: Tensor) -> Tensor:
+        """Rest places (n, parts, d) near whose posed places the points (n, d) lie; nan where there is none."""
+        last = torch.tensor(self.shape, dtype=x.dtype, device=x.device) * self.edge
+        within = ((x >= self.origin) & (x < self.origin + last)).all(dim=-1)
+        cell = torch.full((len(x),), -1, dtype=torch.int64, device=x.device)
+        cell[within] = self.cell[self._key(x[within])]
+        places = self.parts[cell.clamp_min(0)]
+        return torch.where((cell >= 0)[:, None, None], places, torch.nan)
+
+    def _key(self, x: Tensor) -> Tensor:
+        index = ((x - self.origin) / self.edge).long()
+        key = torch.zeros_like(index[:, 0])
+        for axis, size in enumerate(self.shape):
+            key = key * size + index[:, axis].clamp(0, size - 1)
+        return key
