@@ -8,6 +8,7 @@ import numpy as np
 
 from nilbs.character import Character
 from nilbs.fields.mesh_lbs import MeshLbs
+from nilbs.fields.nearest import NearestVertex
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses, random_rotations
 from nilbs.geometry.metrics import intersection_over_union, surface_scores
@@ -18,7 +19,7 @@ from nilbs.motion import Motion
 from nilbs.settings import NOISE, POINTS, RESOLUTION
 
 POSE_SETS = ("seen", "interpolated", "unseen", "far")
-ROWS = ("floor",)
+ROWS = ("floor", "inverse", "nearest")
 POSES = 10
 # Standard deviation in radians of each bone's local angle.
 UNSEEN_STD, FAR_STD = 0.28, 0.8
@@ -86,7 +87,9 @@ def evaluate(
     poses : sequence of str
         Which of "seen", "interpolated", "unseen" and "far".
     rows : sequence of str
-        Reference methods to score beside the model: "floor", the true mesh's signed distance on the same grid.
+        Reference methods to score beside the model: "floor", the true mesh's signed distance on the same grid;
+        "inverse", the model's inverse map alone (eq. 8); "nearest", inverse skinning with the weights of the nearest
+        posed vertex.
     progress : bool
         Show a progress bar on standard error.
 
@@ -184,10 +187,18 @@ def _score_pose(
         samples = np.random.default_rng([*stream, 2])
         return ious | surface_scores(*mesh, U, c.F, unit=c.L, n=points, rng=samples)
 
-    predicted = {name: model.occupancy(x, pose) > 0.5 for name, x in (("iou_bbox", bbox), ("iou_surface", surface))}
+    points_by_name = {"iou_bbox": bbox, "iou_surface": surface}
+    predicted = {name: model.occupancy(x, pose) > 0.5 for name, x in points_by_name.items()}
     results = {"": scored(predicted, model.extract_on(grid, pose))}
-    if "floor" in rows:
-        results["floor"] = scored(true, truth.extract_on(grid))
+    for row in rows:
+        if row == "floor":
+            results[row] = scored(true, truth.extract_on(grid))
+        elif row == "inverse":
+            inside = {n: model.occupancy(x, pose, mapping=row) > 0.5 for n, x in points_by_name.items()}
+            results[row] = scored(inside, model.extract_on(grid, pose, mapping=row))
+        else:
+            nearest = NearestVertex(c.V, c.F, c.W, pose)
+            results[row] = scored({n: nearest.inside(x) for n, x in points_by_name.items()}, nearest.extract_on(grid))
     return results
 
 

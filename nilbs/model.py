@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 KIND = "nilbs model 2"
 # Points that go through the network at once; bounds the memory of a query of any size.
 CHUNK = 16_384
+# A distance that changes by less than this share of the way tells nothing of how far the skin is.
+LEAST_SLOPE = 0.01
 # Names of the field's parts that hold grids of the rest pose.
 CACHE, FORWARD = "inverse.cache", "forward_field"
 
@@ -113,6 +115,37 @@ class Model:
             In mesh units, negative inside.
         """
         return _joined([answer.distance for answer in self._answers(x, pose, mapping)]) * self.character.L
+
+    def posed_distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
+        """Signed distance of posed points in the posed frame, to first order.
+
+        The distance at rest is divided by how much less it changes with the posed point than with the rest image: exact
+        to first order at the skin, which skinning may stretch or press, and for any similarity.
+
+        Parameters
+        ----------
+        x, pose, mapping
+            As for `occupancy`.
+
+        Returns
+        -------
+        distance : (n,) float array
+            In mesh units, negative inside. Where the gradient says nothing (no rest image, the middle of a limb) it is
+            that at rest.
+        """
+        x, pose = self._checked(x, pose)
+        B, found = torch.tensor(pose), []
+        for start in range(0, max(len(x), 1), CHUNK):
+            part = torch.tensor(x[start : start + CHUNK], requires_grad=True)
+            answer = self.answer(part, B, mapping=mapping)
+            (slope,) = torch.autograd.grad(answer.distance.sum(), part)
+            center = torch.as_tensor(rest_center(self.character)).to(answer.x_rest)
+            x_rest = ((answer.x_rest.detach() - center) / self.character.L).requires_grad_()
+            (slope_rest,) = torch.autograd.grad(self.field.inverse.cache.distance(x_rest).sum(), x_rest)
+            length, length_rest = (vector.norm(dim=-1).to(answer.distance) for vector in (slope, slope_rest))
+            told = (length > 0) & (length_rest > LEAST_SLOPE)
+            found.append((answer.distance * torch.where(told, length_rest / length, 1.0)).detach())
+        return _joined(found)
 
     def weights(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """Weights that the network predicts for posed points.
@@ -249,16 +282,20 @@ class Model:
 
     def _chunks(self, x: np.ndarray, pose: np.ndarray) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
         """Points in pieces, and the pose, in the field's frame."""
-        x, pose = arrays(x=(x, "n d"), pose=(pose, "b d+1 d+1"))
-        wanted = (len(self.character.BE), self.character.d + 1, self.character.d + 1)
-        if pose.shape != wanted:
-            raise ValueError(f"pose must be (b, d+1, d+1) = {wanted}, got {pose.shape}")
+        x, pose = self._checked(x, pose)
         like = next(self.field.parameters())
         x_unit, B_unit = in_unit_frame(self.character, x, pose)
         B = torch.as_tensor(B_unit, dtype=like.dtype, device=like.device)
         for start in range(0, max(len(x_unit), 1), CHUNK):
             with torch.inference_mode():
                 yield torch.as_tensor(x_unit[start : start + CHUNK], dtype=like.dtype, device=like.device), B
+
+    def _checked(self, x: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, pose = arrays(x=(x, "n d"), pose=(pose, "b d+1 d+1"))
+        wanted = (len(self.character.BE), self.character.d + 1, self.character.d + 1)
+        if pose.shape != wanted:
+            raise ValueError(f"pose must be (b, d+1, d+1) = {wanted}, got {pose.shape}")
+        return x, pose
 
     def _posed(self, B: torch.Tensor, mapping: str | None, ghost: bool = True) -> Callable[[torch.Tensor], Answer]:
         mapping = self.settings.mapping if mapping is None else mapping

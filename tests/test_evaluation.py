@@ -1,6 +1,6 @@
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -172,7 +172,7 @@ def test_the_table_says_what_it_was_taken_with(models, capsys: pytest.CaptureFix
     ("options", "message"),
     [
         ({"poses": ["sen"]}, "'sen' is none of seen, interpolated, unseen, far"),
-        ({"rows": ["ceiling"]}, "'ceiling' is none of floor"),
+        ({"rows": ["ceiling"]}, "'ceiling' is none of floor, inverse, nearest"),
         ({"points": 0}, "points must be at least 1 and resolution at least 2, got 0 and 128"),
         ({"resolution": 1}, "points must be at least 1 and resolution at least 2, got 100000 and 1"),
     ],
@@ -228,3 +228,23 @@ def test_random_poses_turn_all_but_the_roots(d: int, name: str, std: float, char
     # A local rotation is known up to full turns; 0.8 rad is over half a turn once in 12,000.
     assert math.sqrt((angle**2).mean()) == pytest.approx(std, rel=0.05)
     assert len(np.unique(theta[:, 1, 0])) == 600
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_rows_of_the_model_s_own_map_and_of_the_nearest_vertex(d: int, models) -> None:
+    model = models[d]
+    rows = ["floor", "inverse", "nearest"]
+    values = evaluate(model, points=2000, resolution=16, poses=["unseen"], rows=rows).json()
+    assert list(values["rows"]) == rows
+    surface = {row: sets["unseen"]["iou_surface"]["mean"] for row, sets in values["rows"].items()}
+    searched = values["poses"]["unseen"]["iou_surface"]["mean"]
+    # After a moment's training the map alone is poor; the search needs little of it, and copied weights none.
+    assert surface["inverse"] < surface["nearest"] < surface["floor"] == 1
+    assert surface["inverse"] < searched
+    again = evaluate(
+        replace(model, settings=replace(model.settings, mapping="inverse")),
+        points=2000,
+        resolution=16,
+        poses=["unseen"],
+    )
+    assert again.json()["poses"] == {"unseen": values["rows"]["inverse"]["unseen"]}

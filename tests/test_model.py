@@ -6,6 +6,7 @@ import pytest
 import torch
 
 import nilbs.model
+from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.facets import is_watertight
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
@@ -139,6 +140,32 @@ def test_rest_points_are_posed_where_they_were_asked(d: int, models, rng: np.ran
     # Each is posed from where it is found, as far as the coarse grid of weights tells.
     missed = np.linalg.norm(model.rest_points(x, pose) - x_rest, axis=1)
     assert np.quantile(missed, 0.9) < 0.03 * c.L
+
+
+@DIMENSIONS
+def test_a_body_twice_as_large_has_distances_twice_as_large(d: int, models, rng: np.random.Generator) -> None:
+    model = models[d]
+    c = model.character
+    rest = np.broadcast_to(np.eye(d + 1), model.motion[0].shape).copy()
+    x = c.V + 0.01 * c.L * rng.normal(size=c.V.shape)
+    larger = np.diag([2.0] * d + [1.0]) @ rest
+    np.testing.assert_allclose(model.distance(2 * x, larger), model.distance(x, rest), atol=1e-4 * c.L)
+    posed = model.posed_distance(2 * x, larger)
+    np.testing.assert_allclose(posed, 2 * model.posed_distance(x, rest), atol=1e-4 * c.L)
+    np.testing.assert_array_equal(posed < 0, model.distance(2 * x, larger) < 0)
+
+
+@DIMENSIONS
+def test_where_skinning_stretches_the_posed_distance_is_nearer_the_truth(d: int, models, rng) -> None:
+    model = models[d]
+    c = model.character
+    # Wider by half across the first axis, and every bone alike, so that truth is the posed mesh's own distance.
+    wide = np.repeat(np.diag([1.0, *[1.5] * (d - 1), 1.0])[None], len(c.BE), axis=0)
+    U = linear_blend_skinning(c.V, c.W, wide)
+    x = U + 0.01 * c.L * rng.normal(size=U.shape)
+    true = signed_distance(U, c.F, x)
+    missed = [np.abs(found - true).mean() for found in (model.posed_distance(x, wide), model.distance(x, wide))]
+    assert missed[0] < 0.7 * missed[1]
 
 
 @DIMENSIONS

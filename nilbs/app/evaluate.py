@@ -13,9 +13,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rows",
         nargs="+",
         default=(),
-        choices=("floor",),
+        choices=("floor", "inverse", "nearest"),
         metavar="ROW",
-        help="score this beside the model: floor, the true mesh's own distance on the same grid",
+        help="score these beside the model: floor, the true mesh's own distance on the same grid; inverse, the network "
+        "without the root search; nearest, inverse skinning with the weights of the nearest posed vertex",
     )
     add_points(parser)
     add_resolution(parser)

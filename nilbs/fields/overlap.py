@@ -34,7 +34,7 @@ class Overlap:
         d = x_rest.shape[-1]
         x = affine(blends.reshape(-1, d, d + 1), x_rest)
         if not len(x):  # a body thinner than a cell has no node inside
-            x_rest = x = torch.full((1, d), torch.nan, dtype=x.dtype, device=x.device)
+            x, x_rest = (torch.full((1, d), value, dtype=x.dtype, device=x.device) for value in (0.0, torch.nan))
         self.origin = x.amin(dim=0)
         extent = x.amax(dim=0) - self.origin
         self.edge = max(CELL * spacing, float(extent.max()) / CELLS)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = None, label: str = "posed") -> Path:
-    """Draw a pose's true occupancy, and the model's without and with the ghost bone's factor.
+    """Draw a pose's true occupancy, the inverse map's without and with the ghost bone's factor, and the root search's.
 
     Parameters
     ----------
@@ -75,8 +75,9 @@ def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = 
         "truth": true,
         "without the ghost bone": model.occupancy(x, pose, mapping="inverse", ghost=False) > 0.5,
         "with the ghost bone": model.occupancy(x, pose, mapping="inverse") > 0.5,
+        "by root search": model.occupancy(x, pose, mapping="search") > 0.5,
     }
-    figure, panels = sheet(1, 3, title=f"{character.name}: {label}{note}", width=3.2, height=3.2)
+    figure, panels = sheet(1, len(predictions), title=f"{character.name}: {label}{note}", width=3.2, height=3.2)
     palette = np.array([[to_rgb(OUTSIDE), to_rgb(FALSE_INSIDE)], [to_rgb(FALSE_OUTSIDE), to_rgb(RIGHT_INSIDE)]])
     outline = section.cut(U, character.F)
     for panel, (name, inside) in zip(panels[0], predictions.items(), strict=True):

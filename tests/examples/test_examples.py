@@ -120,3 +120,19 @@ def test_score_against_mesh_lbs(flat_files, tmp_path, monkeypatch, capsys):
         assert name in out
         assert 0 <= scores["poses"][name]["iou_bbox"]["mean"] <= 1
         assert scores["rows"]["floor"][name]["iou_bbox"]["worst"] == 1
+
+
+def test_clear_an_obstacle(flat_files, tmp_path, monkeypatch, capsys):
+    options = ["--frames", 4, "--steps", 6, "--out", tmp_path]
+    out = example("05", *flat_files, *options, monkeypatch=monkeypatch, capsys=capsys)
+    before, after = map(float, re.search(r"body: (\S+) before, (\S+) after", out).groups())
+    assert before > 0.1
+    assert after < 0.01
+    assert is_picture(tmp_path / "05_clear_an_obstacle.png")
+
+
+def test_push_particles_out(flat_files, tmp_path, monkeypatch, capsys):
+    options = ["--frames", 12, "--particles", 800, "--steps", 6, "--out", tmp_path]
+    out = example("06", *flat_files, *options, monkeypatch=monkeypatch, capsys=capsys)
+    assert float(re.search(r"at most (\S+) % inside", out).group(1)) < 1
+    assert is_picture(tmp_path / "06_push_particles_out.png")

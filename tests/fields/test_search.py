@@ -8,6 +8,7 @@ from nilbs.fields.cache import RestCache
 from nilbs.fields.forward import ForwardField, packed_weights
 from nilbs.fields.network import WeightNetwork
 from nilbs.fields.nilbs import NilbsField
+from nilbs.fields.overlap import Overlap
 from nilbs.fields.search import SearchField
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
@@ -121,3 +122,28 @@ def test_derivatives_by_the_point_and_by_the_pose(d: int, rng: np.random.Generat
         return answer.distance, answer.x_rest
 
     assert torch.autograd.gradcheck(answers, (x.requires_grad_(), B.requires_grad_()), eps=1e-7, atol=1e-4)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_parts_that_lie_at_a_place_are_told_once_each(d: int, rng: np.random.Generator) -> None:
+    field, B = rod(d), bent(d, np.pi)  # flat on itself
+    ask = field.posed(B)
+    near = posed(points(d, 300, rng)[:, :] * ([0.5] + [0.5] * (d - 1)), B)
+    parts = ask.overlap(torch.as_tensor(near))
+    found = ~parts.isnan().any(dim=-1)
+    assert found[:, 0].all()
+    # Every part's own place is posed about where it was asked for, and parts lie apart.
+    x = field.forward_field.pose(parts[found], ask.blends).x
+    asked = torch.as_tensor(near)[:, None].expand(-1, parts.shape[1], -1)[found]
+    assert (x - asked).norm(dim=-1).max() < np.sqrt(d) * ask.overlap.edge + 1e-9
+    both = found[:, 1]
+    assert both.double().mean() > 0.9
+    assert ((parts[both, 0] - parts[both, 1]).norm(dim=-1) > 0.05).all()
+    assert ask.overlap(torch.full((3, d), 9.0, dtype=torch.float64)).isnan().all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_of_a_body_thinner_than_a_cell_no_part_is_told(d: int) -> None:
+    empty = torch.zeros((0, d), dtype=torch.float64)
+    overlap = Overlap(empty, torch.zeros((0, d * (d + 1)), dtype=torch.float64), 0.1)
+    assert overlap(torch.zeros((2, d), dtype=torch.float64)).isnan().all()

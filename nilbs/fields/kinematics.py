@@ -1,0 +1,55 @@
+"""Forward kinematics in torch, so that a pose can be found by its gradient."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from nilbs.geometry.kinematics import bone_order
+
+
+def forward_kinematics(C: Tensor, BE: np.ndarray, P: np.ndarray, theta: Tensor) -> Tensor:
+    """Bone transforms of local rotations; `nilbs.geometry.kinematics.forward_kinematics`, differentiable.
+
+    Parameters
+    ----------
+    C : (k, d) tensor
+        Joints at rest, in mesh units.
+    BE : (b, 2) int array
+        Bones, indices into C.
+    P : (b,) int array
+        Parent bones, -1 at a root.
+    theta : (b, 1) or (b, 3) tensor
+        Rotation of every bone about its first joint relative to its parent: an angle in the plane, a rotation vector in
+        space, in radians.
+
+    Returns
+    -------
+    B : (b, d+1, d+1) tensor
+        Pose, rest to posed.
+
+    Raises
+    ------
+    ValueError
+        If theta has another shape, or the parents form a cycle.
+    """
+    d = C.shape[1]
+    if theta.shape != (len(BE), 1 if d == 2 else 3):
+        raise ValueError(f"theta must be (b, {1 if d == 2 else 3}) for {len(BE)} bones, got {tuple(theta.shape)}")
+    if d == 2:
+        turn = torch.tensor([[0.0, -1], [1, 0]]).to(theta)
+        generators = theta[..., None] * turn
+    else:
+        x, y, z = theta.unbind(-1)
+        zero = torch.zeros_like(x)
+        generators = torch.stack([zero, -z, y, z, zero, -x, -y, x, zero], dim=-1).reshape(-1, 3, 3)
+    # The exponential is smooth at zero, where a formula with an angle in it is not.
+    R = torch.linalg.matrix_exp(generators)
+    c = C[torch.as_tensor(BE[:, 0])].to(theta)
+    last = torch.zeros((len(BE), 1, d + 1)).to(theta)
+    last[..., d] = 1
+    local = torch.cat([torch.cat([R, (c - (R @ c[..., None])[..., 0])[..., None]], dim=-1), last], dim=-2)
+    B: list[Tensor] = list(local)
+    for bone in bone_order(P):
+        if P[bone] >= 0:
+            B[bone] = B[P[bone]] @ local[bone]
+    return torch.stack(B)
