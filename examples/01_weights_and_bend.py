@@ -45,8 +45,10 @@ def main() -> None:
     if args.bone is None:
         movable = joints if len(joints) else np.arange(len(character.P))
         bone = int(movable[np.argmax(W[:, movable].sum(axis=0))])
-    else:
+    elif args.bone in character.names:
         bone = character.names.index(args.bone)
+    else:
+        parser.error(f"there is no bone {args.bone!r}; the bones are {', '.join(character.names)}")
     view = View.front(character.V)
     angle = np.radians(args.degrees)
     theta = np.zeros((len(character.P), 1 if character.d == 2 else 3))

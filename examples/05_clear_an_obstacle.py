@@ -49,8 +49,10 @@ def main() -> None:
     tips = character.C[character.BE[:, 1]]
     if args.bone is None:
         bone = int(np.linalg.norm(tips - V.mean(axis=0), axis=1).argmax())
-    else:
+    elif args.bone in character.names:
         bone = character.names.index(args.bone)
+    else:
+        parser.error(f"there is no bone {args.bone!r}; the bones are {', '.join(character.names)}")
     ball = rng.normal(size=(2000, d))
     ball *= args.radius * L * rng.uniform(0, 1, (len(ball), 1)) ** (1 / d) / np.linalg.norm(ball, axis=1, keepdims=True)
     ball += tips[bone]

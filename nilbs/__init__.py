@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from nilbs.geometry.skeleton import Skeleton as Skeleton
     from nilbs.loading import load_character as load_character
     from nilbs.model import Model as Model
-    from nilbs.model import load_model as load_model
+    from nilbs.model_file import load_model as load_model
     from nilbs.motion import Motion as Motion
     from nilbs.motion import random_motion as random_motion
     from nilbs.motion import read_motion as read_motion
@@ -32,7 +32,7 @@ _HOMES = {
     "Model": "model",
     "solve_weights": "weighting",
     "fit": "fitting",
-    "load_model": "model",
+    "load_model": "model_file",
     "Settings": "settings",
     "Motion": "motion",
     "random_motion": "motion",

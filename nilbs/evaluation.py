@@ -1,25 +1,30 @@
 """Scores of a model against the mesh skinned by ordinary linear blend skinning, on seen and on unseen poses."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from time import perf_counter
+from typing import Any, Protocol
 
 import numpy as np
 
 from nilbs.character import Character
 from nilbs.fields.mesh_lbs import MeshLbs
-from nilbs.fields.nearest import NearestVertex
+from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses, random_rotations
 from nilbs.geometry.metrics import intersection_over_union, surface_scores
 from nilbs.geometry.sampling import near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.methods import build_field
 from nilbs.model import Model
 from nilbs.motion import Motion
-from nilbs.settings import NOISE, POINTS, RESOLUTION
+from nilbs.posed_model import PosedModel
+from nilbs.settings import MAPPINGS, NOISE, POINTS, RESOLUTION, ROWS, Settings
 
 POSE_SETS = ("seen", "interpolated", "unseen", "far")
-ROWS = ("floor", "inverse", "nearest")
+IOUS = ("iou_bbox", "iou_surface")
+# Predictions whose scores are known: 1, 0 and 0.
+CONTROLS = ("perfect", "empty", "inverted")
 POSES = 10
 # Standard deviation in radians of each bone's local angle.
 UNSEEN_STD, FAR_STD = 0.28, 0.8
@@ -55,7 +60,7 @@ class Scores:
             "truth: the mesh skinned by LBS, inside where |winding number| > 1/2; lengths in % of L",
             "",
             f"{'':22}{'iou_bbox':>17}{'iou_surface':>17}{'chamfer_l1':>12}{'p95':>8}{'hausdorff':>11}{'normals':>9}"
-            f"{'f_score':>9}{'parts':>7}{'closed':>8}",
+            f"{'f_score':>9}{'parts':>7}{'closed':>8}{'lookups':>9}",
         ]
         for row, sets in {"": v["poses"], **v["rows"]}.items():
             for name, scores in sets.items():
@@ -71,6 +76,8 @@ def evaluate(
     seed: int = 0,
     poses: Sequence[str] = POSE_SETS,
     rows: Sequence[str] = (),
+    noise: float = NOISE,
+    distances: bool = False,
     progress: bool = False,
 ) -> Scores:
     """Score a model.
@@ -81,15 +88,20 @@ def evaluate(
     points : int
         Points of each of the two sets, and samples of each surface, per frame.
     resolution : int
-        Cells of the extraction grid along each edge.
+        Cells of the extraction grid along each edge; 0 scores no surfaces.
     seed : int
         Of points, samples and random poses.
     poses : sequence of str
-        Which of "seen", "interpolated", "unseen" and "far".
+        Which of "seen", "interpolated", "unseen" and "far"; and "random S" for other random poses, whose angles have a
+        standard deviation of S radians.
     rows : sequence of str
-        Reference methods to score beside the model: "floor", the true mesh's signed distance on the same grid;
-        "inverse", the model's inverse map alone (eq. 8); "nearest", inverse skinning with the weights of the nearest
-        posed vertex.
+        What to score beside the model, of `nilbs.settings.ROWS`.
+    noise : float
+        Standard deviation of the points near the surface, in units of L.
+    distances : bool
+        Whether to compare distances at the points near the surface with the posed mesh's own: those read at rest
+        (`distance_error`) and those corrected by the local stretch (`posed_distance_error`), mean absolute differences
+        in % of L.
     progress : bool
         Show a progress bar on standard error.
 
@@ -104,21 +116,34 @@ def evaluate(
     """
     from tqdm import tqdm
 
-    for given, known in ((poses, POSE_SETS), (rows, ROWS)):
-        for name in given:
-            if name not in known:
-                raise ValueError(f"{name!r} is none of {', '.join(known)}")
-    if points < 1 or resolution < 2:
-        raise ValueError(f"points must be at least 1 and resolution at least 2, got {points} and {resolution}")
+    for name in rows:
+        if name not in ROWS:
+            raise ValueError(f"{name!r} is none of {', '.join(ROWS)}")
+        if name in MAPPINGS and model.settings.method != "nilbs":
+            raise ValueError(f"the row {name!r} is of the method nilbs, and this model's is {model.settings.method}")
+    if points < 1 or resolution == 1 or resolution < 0 or not noise >= 0:
+        raise ValueError(
+            "points must be at least 1, resolution 0 or at least 2, noise at least 0; "
+            f"got {points}, {resolution}, {noise}"
+        )
     frames = {name: evaluation_poses(model.character, model.motion, name, seed=seed) for name in poses}
-    results: dict[str, dict[str, list[dict[str, Any]]]] = {row: {name: [] for name in poses} for row in ("", *rows)}
+    asked = {row: _asked(model, row) for row in ("", *rows)}
+    results: dict[str, dict[str, list[dict[str, Any]]]] = {row: {name: [] for name in poses} for row in asked}
+    controls: list[dict[str, dict[str, float]]] = []
+    seconds = dict.fromkeys(asked, 0.0)
     total = sum(len(B) for B in frames.values())
     with tqdm(total=total, desc="scoring", unit="pose", disable=not progress, delay=2) as bar:
         for name, B in frames.items():
             for k, pose in enumerate(B):
-                stream = [seed, _STREAM, POSE_SETS.index(name), k]
-                for row, scores in _score_pose(model, pose, points, resolution, rows, stream).items():
-                    results[row][name].append(scores)
+                stream = [seed, _STREAM, _pose_stream(name), k]
+                scene = _Scene.of(model.character, pose, points, resolution, noise, stream)
+                controls.append(scene.controls())
+                for row, posed in asked.items():
+                    start = perf_counter()
+                    prediction = posed(pose)
+                    inside = scene.inside(prediction)
+                    seconds[row] += perf_counter() - start
+                    results[row][name].append(scene.scores(prediction, inside, distances=distances))
                 bar.update()
     tables = {row: {name: _summary(scores) for name, scores in sets.items()} for row, sets in results.items()}
     model_table = tables.pop("")
@@ -126,11 +151,19 @@ def evaluate(
         {
             "schema": 1,
             "L": model.character.L,
-            "noise": NOISE,
+            "noise": noise,
             "points": points,
             "resolution": resolution,
             "seed": seed,
             "training": model.config,
+            "controls": {
+                kind: {score: float(np.mean([control[kind][score] for control in controls])) for score in IOUS}
+                for kind in (CONTROLS if controls else ())
+            },
+            # To be told a pose and to answer 100,000 points of it.
+            "seconds": {
+                row: 5e4 * spent / (points * max(total, 1)) for row, spent in seconds.items() if row != "floor"
+            },
             "poses": model_table,
             "rows": tables,
         }
@@ -148,7 +181,7 @@ def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: i
     name : str
         "seen": ten evenly spaced training frames. "interpolated": the middles of ten evenly spaced gaps between them.
         "unseen" and "far": ten random poses from the rest pose, every bone but the roots turned about a random axis by
-        a normal angle of standard deviation 0.28 and 0.8 rad.
+        a normal angle of standard deviation 0.28 and 0.8 rad. "random S": the same with S rad.
     seed : int
         Of the random poses.
 
@@ -156,6 +189,11 @@ def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: i
     -------
     B : (p, b, d+1, d+1) float array
         Fewer than ten where the motion has fewer frames or gaps.
+
+    Raises
+    ------
+    ValueError
+        If there is no such set.
     """
     c = character
     if name == "seen":
@@ -165,41 +203,109 @@ def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: i
         gaps = np.round(np.linspace(0, len(motion) - 2, count)).astype(int)
         middles = [interpolate_poses(c.C, c.BE, c.P, motion.B[k], motion.B[k + 1], 0.5) for k in gaps]
         return np.array(middles).reshape(-1, *motion.B.shape[1:])
-    std = {"unseen": UNSEEN_STD, "far": FAR_STD}[name]
-    rng = np.random.default_rng([seed, _STREAM, POSE_SETS.index(name)])
-    return forward_kinematics(c.C, c.BE, c.P, random_rotations(c.P, c.d, POSES, std=std, rng=rng))
+    rng = np.random.default_rng([seed, _STREAM, _pose_stream(name)])
+    return forward_kinematics(c.C, c.BE, c.P, random_rotations(c.P, c.d, POSES, std=_angle_std(name), rng=rng))
 
 
-def _score_pose(
-    model: Model, pose: np.ndarray, points: int, resolution: int, rows: Iterable[str], stream: list[int]
-) -> dict[str, dict[str, Any]]:
-    """Scores of one pose, by row; the model's own is the row without a name."""
-    c = model.character
-    U = linear_blend_skinning(c.V, c.W, pose)
-    truth, grid = MeshLbs(U, c.F), Grid.cube(U, resolution)
-    rng = np.random.default_rng([*stream, 1])
-    bbox = uniform_samples(grid.lower, grid.upper, points, rng=rng)
-    surface = near_surface_samples(U, c.F, points, std=NOISE * c.L, rng=rng)
-    true = {"iou_bbox": truth.inside(bbox), "iou_surface": truth.inside(surface)}
+def _angle_std(name: str) -> float:
+    """Standard deviation of the angles of a set of random poses, in radians."""
+    known = {"unseen": UNSEEN_STD, "far": FAR_STD}
+    if name in known:
+        return known[name]
+    kind, _, number = name.partition(" ")
+    try:
+        std = float(number) if kind == "random" else -1.0
+    except ValueError:
+        std = -1.0
+    if not 0 <= std < 100:
+        raise ValueError(f"{name!r} is none of {', '.join(POSE_SETS)} and no 'random S' with S in radians")
+    return std
 
-    def scored(inside: dict[str, np.ndarray], mesh: tuple[np.ndarray, np.ndarray]) -> dict[str, Any]:
-        ious = {name: intersection_over_union(inside[name], true[name]) for name in true}
-        samples = np.random.default_rng([*stream, 2])
-        return ious | surface_scores(*mesh, U, c.F, unit=c.L, n=points, rng=samples)
 
-    points_by_name = {"iou_bbox": bbox, "iou_surface": surface}
-    predicted = {name: model.occupancy(x, pose) > 0.5 for name, x in points_by_name.items()}
-    results = {"": scored(predicted, model.extract_on(grid, pose))}
-    for row in rows:
-        if row == "floor":
-            results[row] = scored(true, truth.extract_on(grid))
-        elif row == "inverse":
-            inside = {n: model.occupancy(x, pose, mapping=row) > 0.5 for n, x in points_by_name.items()}
-            results[row] = scored(inside, model.extract_on(grid, pose, mapping=row))
-        else:
-            nearest = NearestVertex(c.V, c.F, c.W, pose)
-            results[row] = scored({n: nearest.inside(x) for n, x in points_by_name.items()}, nearest.extract_on(grid))
-    return results
+def _pose_stream(name: str) -> int:
+    """A number of its own for every set of poses."""
+    return POSE_SETS.index(name) if name in POSE_SETS else len(POSE_SETS) + round(1e6 * _angle_std(name))
+
+
+class _Posed(Protocol):
+    """What is scored, in a pose."""
+
+    @property
+    def lookups(self) -> float | None: ...
+    def occupancy(self, x: np.ndarray) -> np.ndarray: ...
+    def distance(self, x: np.ndarray) -> np.ndarray: ...
+    def posed_distance(self, x: np.ndarray) -> np.ndarray: ...
+    def extract_on(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]: ...
+
+
+def _asked(model: Model, row: str) -> Callable[[np.ndarray], _Posed | None]:
+    """A row's answers, by pose; the model's own is the row without a name. The floor has none of its own."""
+    if row == "floor":
+        return lambda pose: None
+    if row == "" or row in MAPPINGS:
+        return lambda pose: model.posed(pose, mapping=row or None)
+    settings = Settings(method=row).resolved(bones=len(model.character.BE), d=model.character.d)
+    field = build_field(model.character, settings)
+    return lambda pose: PosedModel(model.character, field, pose)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """One pose's truth, and the points that it is compared at."""
+
+    character: Character
+    truth: MeshLbs
+    grid: Grid
+    resolution: int
+    points: dict[str, np.ndarray]  # by score
+    true: dict[str, np.ndarray]
+    stream: list[int]
+
+    @classmethod
+    def of(
+        cls, c: Character, pose: np.ndarray, points: int, resolution: int, noise: float, stream: list[int]
+    ) -> "_Scene":
+        U = linear_blend_skinning(c.V, c.W, pose)
+        truth, grid = MeshLbs(U, c.F), Grid.cube(U, resolution or 1)
+        rng = np.random.default_rng([*stream, 1])
+        bbox = uniform_samples(grid.lower, grid.upper, points, rng=rng)
+        surface = near_surface_samples(U, c.F, points, std=noise * c.L, rng=rng)
+        x = {"iou_bbox": bbox, "iou_surface": surface}
+        return cls(c, truth, grid, resolution, x, {name: truth.inside(x[name]) for name in IOUS}, stream)
+
+    def controls(self) -> dict[str, dict[str, float]]:
+        """Scores of a perfect, an empty and an inverted prediction."""
+        predicted: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+            "perfect": lambda true: true.copy(),
+            "empty": np.zeros_like,
+            "inverted": np.logical_not,
+        }
+        return {kind: self._ious({n: predicted[kind](true) for n, true in self.true.items()}) for kind in CONTROLS}
+
+    def inside(self, posed: _Posed | None) -> dict[str, np.ndarray]:
+        """What a prediction says of the points; the truth itself where there is none."""
+        return self.true if posed is None else {name: posed.occupancy(x) > 0.5 for name, x in self.points.items()}
+
+    def scores(self, posed: _Posed | None, inside: dict[str, np.ndarray], *, distances: bool) -> dict[str, Any]:
+        """Scores of a prediction; of the truth's own surface where there is none."""
+        scores: dict[str, Any] = self._ious(inside) | {"lookups": None if posed is None else posed.lookups}
+        if posed is None:
+            return scores | self._surface(self.truth.extract_on)
+        if distances:
+            x, c = self.points["iou_surface"], self.character
+            true = signed_distance(self.truth.U, c.F, x)
+            for name, found in (("distance_error", posed.distance), ("posed_distance_error", posed.posed_distance)):
+                scores[name] = 100 / c.L * float(np.abs(found(x) - true).mean())
+        return scores | self._surface(posed.extract_on)
+
+    def _ious(self, inside: dict[str, np.ndarray]) -> dict[str, float]:
+        return {name: intersection_over_union(inside[name], self.true[name]) for name in IOUS}
+
+    def _surface(self, extract_on: Callable[[Grid], tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
+        if not self.resolution:
+            return {}
+        rng, n = np.random.default_rng([*self.stream, 2]), len(self.points["iou_bbox"])
+        return surface_scores(*extract_on(self.grid), self.truth.U, self.truth.F, unit=self.character.L, n=n, rng=rng)
 
 
 def _summary(frames: list[dict[str, Any]]) -> dict[str, Any]:
@@ -225,5 +331,5 @@ def _table_row(name: str, scores: dict[str, Any]) -> str:
     return (
         f"{name:22}{with_worst('iou_bbox')}{with_worst('iou_surface')}{mean('chamfer_l1', 12, 3)}{mean('p95', 8, 3)}"
         f"{mean('hausdorff', 11, 2)}{mean('normal_consistency', 9, 4)}{mean('f_score', 9, 4)}{mean('components', 7, 1)}"
-        f"{mean('watertight', 8, 2)}"
+        f"{mean('watertight', 8, 2)}{mean('lookups', 9, 2)}"
     )

@@ -2,32 +2,28 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 import torch
 
 from nilbs.character import Character
-from nilbs.fields.forward import packed_weights
-from nilbs.fields.nilbs import NilbsField
-from nilbs.fields.objective import REFRESH, NilbsObjective, RandomPoses
-from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
-from nilbs.fields.search import SearchField
+from nilbs.fields.field import Field
+from nilbs.fields.objective import REFRESH, Objective
 from nilbs.fields.training import TrainingState, train
-from nilbs.geometry.grids import Grid
-from nilbs.geometry.rest_grids import distance_grid, weight_grid
-from nilbs.model import CACHE, FORWARD, Model, blank_field, in_unit_frame, rest_center, torch_device
+from nilbs.methods import build_field, build_objective
+from nilbs.model import Model, torch_device
 from nilbs.motion import Motion
 from nilbs.report import Report, silent
-from nilbs.settings import Settings
+from nilbs.settings import UNTRAINED, Settings
 
-CHECKPOINT_KIND = "nilbs checkpoint 1"
-# In units of L: how far around the body rest weights are known, and how far they go on beyond the skin unbroken.
-BAND, DEPTH = 0.05, 0.015
+CHECKPOINT_KIND = "nilbs checkpoint 2"
+# Steps that tell how long a step takes.
+TRIAL = 20
 
 
 def fit(
@@ -37,6 +33,7 @@ def fit(
     *,
     device: str = "auto",
     dtype: torch.dtype = torch.float32,
+    minutes: float | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: bool = False,
@@ -56,6 +53,9 @@ def fit(
         "cpu", "cuda", ... or "auto".
     dtype : torch.dtype
         torch.float32 or torch.float64.
+    minutes : float, optional
+        How long the steps may take together, in place of their number: as many are taken as a short trial says will
+        fit. The model's settings then tell that number, and a training with it gives the same model.
     checkpoint : path, optional
         Where the training is saved while it runs; `remove_checkpoint` removes it when the model is safe.
     resume : bool
@@ -74,43 +74,54 @@ def fit(
     Raises
     ------
     ValueError
-        If the motion moves another number of bones, a setting is out of range, or the checkpoint belongs to another
-        training.
+        If the motion moves another number of bones, a setting is out of range, both steps and minutes are given, or
+        the checkpoint belongs to another training.
     FileFormatError
         If the checkpoint cannot be read.
     """
-    settings = replace(settings or Settings(), **changes).resolved(bones=len(character.BE), d=character.d)
+    settings = replace(settings or Settings(), **changes)
+    if minutes is not None and not (minutes > 0 and settings.steps == 0):
+        raise ValueError(f"minutes must be positive and stand alone, got {minutes} and {settings.steps} steps")
+    settings = settings.resolved(bones=len(character.BE), d=character.d)
     report = report or silent
     if motion.B.shape[1:] != (len(character.BE), character.d + 1, character.d + 1):
         raise ValueError(
             f"the motion moves {motion.B.shape[1]} bones in {motion.B.shape[2] - 1} dimensions, "
             f"the character has {len(character.BE)} in {character.d}"
         )
+    # How long a training takes is no part of what it is.
+    open_ended = settings if minutes is None else replace(settings, steps=0)
+    fingerprint = _fingerprint(character, motion, open_ended, dtype)
     state = None
-    fingerprint = _fingerprint(character, motion, settings, dtype)
     if checkpoint is not None and resume:
         state = _load_checkpoint(Path(checkpoint), fingerprint, report)
     torch.manual_seed(settings.seed)
-    field = _untrained(character, settings, dtype).to(torch_device(device))
-    # Look-ups take the most of a step's time, and the network does not learn to a cell's width.
-    learning = NilbsField(field.inverse.network, field.inverse.cache.coarser(), root=field.inverse.root)
-    objective = _objective(learning, character, motion, settings, progress=progress)
+    field = build_field(character, settings).to(device=torch_device(device), dtype=dtype)
+    if settings.method in UNTRAINED:
+        return Model(character, motion, settings, np.zeros(0), field)
+    objective = build_objective(field, character, motion, settings, progress=progress)
+    steps = settings.steps
+    if state is not None:
+        steps = state.steps
+    elif minutes is not None:
+        steps = _steps_within(60 * minutes, field, objective, settings.learning_rate)
+        report(f"{steps} steps will take about {minutes:g} min")
 
     def save(state: TrainingState) -> None:
         if checkpoint is not None:
-            _save_checkpoint(Path(checkpoint), fingerprint, state)
+            _save_checkpoint(Path(checkpoint), fingerprint, steps, state)
 
     history = train(
-        field.inverse.network,
+        field,
         objective,
-        steps=settings.steps,
+        steps=steps,
         learning_rate=settings.learning_rate,
-        state=state,
+        state=None if state is None else state.training,
         save=save,
         save_every=REFRESH,
         progress=progress,
     )
-    return Model(character, motion, settings, history, field)
+    return Model(character, motion, replace(settings, steps=steps), history, field)
 
 
 def remove_checkpoint(path: str | Path) -> None:
@@ -119,74 +130,24 @@ def remove_checkpoint(path: str | Path) -> None:
         Path(path).unlink()
 
 
-def _untrained(character: Character, settings: Settings, dtype: torch.dtype) -> SearchField:
-    """A field with its grids of the rest pose, which know nothing of training."""
-    c = character
-    V, V_volume = ((points - rest_center(c)) / c.L for points in (c.V, c.V_volume))
-    kind = np.float64 if dtype == torch.float64 else np.float32
-    cache = Grid.box(V, settings.cache_resolution)
-    weights = Grid.box(V, settings.weight_resolution, pad=BAND)
-    node, W_node = weight_grid(V, c.F, c.W, V_volume, c.T, c.W_volume, weights, band=BAND, depth=DEPTH)
-    packed = packed_weights(node, W_node, weights.shape)
-    state = {
-        f"{CACHE}.values": distance_grid(V, c.F, cache).astype(kind),
-        f"{CACHE}.origin": cache.origin.astype(kind),
-        **{f"{FORWARD}.{name}": array for name, array in packed.items()},
-        f"{FORWARD}.weight": packed["weight"].astype(kind),
-        f"{FORWARD}.origin": weights.origin.astype(kind),
-    }
-    return blank_field(character, settings, state, {CACHE: cache.spacing, FORWARD: weights.spacing})
+@dataclass(frozen=True)
+class _Checkpoint:
+    steps: int  # of the whole training
+    training: TrainingState
 
 
-def _objective(
-    field: NilbsField, character: Character, motion: Motion, settings: Settings, *, progress: bool
-) -> NilbsObjective:
-    from tqdm import tqdm
-
-    paper = settings.supervision == "paper"
-    center, L = rest_center(character), character.L
-    V, V_volume, C = ((points - center) / L for points in (character.V, character.V_volume, character.C))
-    _, B = in_unit_frame(character, np.zeros((len(motion), 1, character.d)), motion.B)
-    rng = np.random.default_rng([settings.seed, settings.steps])
-    frames: Iterable[np.ndarray] = tqdm(B, desc="labelling", unit="frame", disable=not progress, delay=2)
-    labelled: OccupancySamples = occupancy_samples(
-        V,
-        character.F,
-        character.W,
-        frames,
-        n=settings.samples_per_frame,
-        noise=None if paper else settings.noise,
-        rng=rng,
-    )
-    rest: RestSamples
-    if paper:
-        rest, random_poses = surface_samples(V, character.W), None
-    else:
-        rest = volume_samples(
-            V,
-            character.F,
-            character.W,
-            V_volume,
-            character.T,
-            character.W_volume,
-            n=200_000,
-            shell=settings.shell,
-            rng=rng,
-        )
-        random_poses = RandomPoses(C, character.BE, character.P, settings.random_pose_std)
-    return NilbsObjective(
-        field,
-        B,
-        labelled,
-        rest,
-        random_poses=random_poses,
-        poses_per_step=settings.poses_per_step,
-        points_per_pose=settings.points_per_pose,
-        weight_loss=settings.weight_loss,
-        position_loss=0.0 if paper else settings.position_loss,
-        adaptive=not paper,
-        seed=settings.seed,
-    )
+def _steps_within(seconds: float, field: Field, objective: Objective, learning_rate: float) -> int:
+    """How many steps fit into a time, by a trial that leaves the field as it was."""
+    initial = {name: tensor.clone() for name, tensor in field.state_dict().items()}
+    clock = [perf_counter()]
+    objective(0)  # with a look at all points
+    clock.append(perf_counter())
+    for _ in range(2):  # the first steps of a process are slow
+        train(field, lambda step: objective(step + 1), steps=TRIAL, learning_rate=learning_rate)
+        clock.append(perf_counter())
+    field.load_state_dict(initial)
+    look, step = clock[1] - clock[0], (clock[3] - clock[2]) / TRIAL
+    return max(1, int(seconds / (step + look / REFRESH)))
 
 
 def _fingerprint(character: Character, motion: Motion, settings: Settings, dtype: torch.dtype) -> str:
@@ -199,14 +160,14 @@ def _fingerprint(character: Character, motion: Motion, settings: Settings, dtype
     return digest.hexdigest()
 
 
-def _save_checkpoint(path: Path, fingerprint: str, state: TrainingState) -> None:
+def _save_checkpoint(path: Path, fingerprint: str, steps: int, state: TrainingState) -> None:
     from nilbs.io.archive import write_archive
 
-    settings = {"step": state.step, "fingerprint": fingerprint}
+    settings = {"step": state.step, "steps": steps, "fingerprint": fingerprint}
     write_archive(path, {**state.tensors, "history": state.history}, settings, kind=CHECKPOINT_KIND)
 
 
-def _load_checkpoint(path: Path, fingerprint: str, report: Report) -> TrainingState | None:
+def _load_checkpoint(path: Path, fingerprint: str, report: Report) -> _Checkpoint | None:
     from nilbs.io.archive import read_archive
     from nilbs.io.errors import FileFormatError
 
@@ -220,4 +181,4 @@ def _load_checkpoint(path: Path, fingerprint: str, report: Report) -> TrainingSt
         )
     history = tensors.pop("history")
     report(f"continuing at step {settings['step']}")
-    return TrainingState(int(settings["step"]), tensors, history)
+    return _Checkpoint(int(settings["steps"]), TrainingState(int(settings["step"]), tensors, history))

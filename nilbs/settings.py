@@ -10,6 +10,36 @@ NOISE = 0.006  # of L: standard deviation of points near the surface, in trainin
 POINTS = 100_000  # a frame, of scores
 RESOLUTION = 128  # cells along the longest edge of the grid that surfaces are extracted on
 
+# Methods that a field can be trained by, and what their networks and batches are where nothing else is asked for.
+METHODS: dict[str, dict[str, float]] = {
+    "nilbs": {"learning_rate": 1e-2, "width": 96, "depth": 5, "poses_per_step": 64, "points_per_pose": 128},
+    "nasa": {"learning_rate": 3e-3, "width": 40, "depth": 4, "poses_per_step": 16, "points_per_pose": 256},
+    "nasa-rigid": {"learning_rate": 3e-3, "width": 40, "depth": 4, "poses_per_step": 16, "points_per_pose": 256},
+    "snarf": {"learning_rate": 1e-2, "width": 64, "depth": 5, "poses_per_step": 4, "points_per_pose": 128},
+    "mlp": {"learning_rate": 1e-2, "width": 256, "depth": 6, "poses_per_step": 16, "points_per_pose": 256},
+    # What learns nothing needs no network, and no batch.
+    "nearest": {},
+    "rigid-parts": {},
+    "mesh-lbs": {},
+}
+UNTRAINED = ("nearest", "rigid-parts", "mesh-lbs")
+# Where a field of the method "nilbs" takes rest images from.
+MAPPINGS = {
+    "search": "a root search on the forward weights, from the network's answer and from every part that lies there",
+    "one-search": "the root search from the network's answer alone",
+    "all-bones": "the root search from every bone's rigid inverse, as SNARF begins, without the network",
+    "fixed-point": "eq. 5 iterated from the network's answer: x_rest <- [W(x_rest) B]^-1 x",
+    "inverse": "the network's inverse map (eq. 6), with the ghost bone (eq. 8)",
+    "reverse": "the blend of the bones' inverses, sum_b W_b B_b^-1 x, with the ghost bone",
+}
+# Rows that an evaluation can have beside the model's own.
+ROWS = {
+    "floor": "the true mesh's own distance on the same grid",
+    "nearest": "inverse skinning with the weights of the nearest posed vertex",
+    "rigid-parts": "every bone's rigid inverse, where that bone owns the place",
+    **MAPPINGS,
+}
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -17,14 +47,16 @@ class Settings:
 
     Attributes
     ----------
+    method : str
+        One of `METHODS`; all but "nilbs" are rivals.
     steps : int
         Training steps; 0 takes 2000 and 250 more for each bone, at most 10000.
     learning_rate : float
-        Largest rate of the one-cycle schedule.
+        Largest rate of the one-cycle schedule; 0 takes what `METHODS` says.
     width, depth : int
-        Units of a hidden layer, and number of linear layers.
+        Units of a hidden layer, and number of linear layers; 0 takes what `METHODS` says.
     poses_per_step, points_per_pose : int
-        Batch of each loss.
+        Batch of each loss; 0 takes what `METHODS` says.
     samples_per_frame : int
         Labelled points of each training frame.
     noise : float
@@ -35,20 +67,29 @@ class Settings:
         takes the paper's occupancy loss: uniform points, squared difference.
     shell : float
         Standard deviation of that shell.
+    encoding : "local" or "parameters"
+        What the network is told of a pose: the point in every bone's local coordinates, which fits any rig, or the
+        point and, after it, the pose parameters.
+    ghost : bool
+        Whether the network has a ghost bone (eq. 8).
+    forward : "grid" or "network"
+        What keeps the rest weights of the forward map (eq. 4): a grid, or a network that is trained with the other.
+    occupancy_loss : float
+        Factor of the occupancy loss.
     weight_loss : float
-        Factor of the weight loss.
+        Factor of the weight loss; of a rival, of its own further losses.
     position_loss : float
         Factor of the distance by which the inverse map misses the rest points whose weights are known; only with
         supervision in the volume.
     random_pose_std : float
-        Random poses turn every bone but the roots by normal angles whose standard deviation is drawn, for each pose,
-        between zero and this; in radians.
-    mapping : "search" or "inverse"
-        Where the trained field takes rest images from: a root search that begins at the network's answer, or the
-        network's inverse map alone, as in the paper. The training is the same.
+        Half of the weight loss's poses turn every bone but the roots by normal angles whose standard deviation is
+        drawn, for each pose, between zero and this; in radians. 0 takes the motion's poses only.
+    adaptive : bool
+        Whether half of the labelled points are drawn by the field's error; only with supervision in the volume.
+    mapping : str
+        One of `MAPPINGS`: where the trained field takes rest images from. The training is the same.
     cache_resolution : int
-        Cells of the rest cache along its longest edge; 0 takes 256 in space and 512 in the plane. Training
-        reads every other node.
+        Cells of the rest cache along its longest edge; 0 takes 256 in space and 512 in the plane.
     weight_resolution : int
         Cells of the grid of rest weights along its longest edge; 0 takes 128 in space and 256 in the plane.
     cache_width : float
@@ -57,19 +98,25 @@ class Settings:
         The same seed, on the same machine with the same threads, gives the same model.
     """
 
+    method: str = "nilbs"
     steps: int = 0
-    learning_rate: float = 1e-2
-    width: int = 96
-    depth: int = 5
-    poses_per_step: int = 64
-    points_per_pose: int = 128
+    learning_rate: float = 0.0
+    width: int = 0
+    depth: int = 0
+    poses_per_step: int = 0
+    points_per_pose: int = 0
     samples_per_frame: int = 20_000
     noise: float = NOISE
     supervision: str = "volume"
     shell: float = 0.01
+    encoding: str = "local"
+    ghost: bool = True
+    forward: str = "grid"
+    occupancy_loss: float = 1.0
     weight_loss: float = 1.0
     position_loss: float = 20.0
     random_pose_std: float = 0.8
+    adaptive: bool = True
     mapping: str = "search"
     cache_resolution: int = 0
     weight_resolution: int = 0
@@ -83,25 +130,27 @@ class Settings:
             allowed: tuple[type, ...] = (int, float) if kind is float else (kind,)
             if type(value) not in allowed:
                 raise ValueError(f"{field.name} must be of type {kind.__name__}, got {value!r}")
-            if kind is not str and not 0 <= value < 1e9:
+            if kind in (int, float) and not 0 <= value < 1e9:
                 raise ValueError(f"{field.name} must lie between 0 and 1e9, got {value!r}")
-        for name in ("width", "poses_per_step", "points_per_pose", "samples_per_frame", "cache_width"):
+        for name in ("samples_per_frame", "cache_width"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
-        if self.depth < 2:
-            raise ValueError(f"depth must be at least 2, got {self.depth}")
-        for name, choices in (("supervision", ("volume", "paper")), ("mapping", ("search", "inverse"))):
+        if self.depth == 1:
+            raise ValueError("depth must be at least 2, got 1")
+        for name, choices in _CHOICES.items():
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
 
     def resolved(self, *, bones: int, d: int) -> "Settings":
         """Settings in which every zero that stands for "as fits the character" is replaced by its number."""
+        sizes: dict[str, Any] = {name: getattr(self, name) or size for name, size in METHODS[self.method].items()}
         return replace(
             self,
             # More bones are more to tell apart, and take longer.
-            steps=self.steps or min(2000 + 250 * bones, 10_000),
+            steps=0 if self.method in UNTRAINED else self.steps or min(2000 + 250 * bones, 10_000),
             cache_resolution=self.cache_resolution or {2: 512, 3: 256}[d],
             weight_resolution=self.weight_resolution or {2: 256, 3: 128}[d],
+            **sizes,
         )
 
     @classmethod
@@ -117,3 +166,12 @@ class Settings:
         if set(values) != known:
             raise ValueError(f"settings are {sorted(values)}, expected {sorted(known)}")
         return cls(**values)
+
+
+_CHOICES = {
+    "method": tuple(METHODS),
+    "supervision": ("volume", "paper"),
+    "encoding": ("local", "parameters"),
+    "forward": ("grid", "network"),
+    "mapping": tuple(MAPPINGS),
+}

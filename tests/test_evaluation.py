@@ -15,10 +15,11 @@ from nilbs.geometry.kinematics import local_rotations
 from nilbs.geometry.rotations import rotation_matrices
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.motion import Motion, random_motion
+from nilbs.settings import Settings
 
 SCORES = {
     "iou_bbox", "iou_surface", "chamfer_l1", "chamfer_l1_sampled", "hausdorff", "p95", "normal_consistency", "f_score",
-    "components", "watertight",
+    "components", "watertight", "lookups",
 }  # fmt: skip
 
 
@@ -30,7 +31,7 @@ class StandIn:
     motion: Motion
     kinds: tuple[str, ...] = ("perfect",)
     config: dict = field(default_factory=lambda: {"motion": "still", "frames": 1, "steps": 0})
-    asked: int = 0
+    settings: Settings = field(default_factory=Settings)
 
     def mesh(self, pose: np.ndarray) -> MeshLbs:
         c = self.character
@@ -41,17 +42,35 @@ class StandIn:
         known = [k for k in range(len(self.motion)) if np.array_equal(pose, self.motion[k])]
         return self.kinds[min(known[0] if known else len(self.kinds), len(self.kinds) - 1)]
 
-    def occupancy(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        inside = self.mesh(pose).inside(x).astype(float)
-        return {"perfect": inside, "empty": 0 * inside, "inverted": 1 - inside}[self.kind(pose)]
+    def posed(self, pose: np.ndarray, *, mapping: str | None = None) -> "PosedStandIn":
+        return PosedStandIn(self.mesh(pose), self.kind(pose), self.character.d)
 
-    def extract_on(self, grid: Grid, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        kind, d = self.kind(pose), self.character.d
-        if kind == "empty":
-            return np.zeros((0, d)), np.zeros((0, d), dtype=int)
-        if kind == "perfect":
-            return self.mesh(pose).extract_on(grid)
-        outside = 1.0 - 2.0 * self.mesh(pose).inside(grid.points())
+
+@dataclass
+class PosedStandIn:
+    """A stand-in in a pose."""
+
+    mesh: MeshLbs
+    kind: str
+    d: int
+    lookups: float | None = None
+
+    def occupancy(self, x: np.ndarray) -> np.ndarray:
+        inside = self.mesh.inside(x).astype(float)
+        return {"perfect": inside, "empty": 0 * inside, "inverted": 1 - inside}[self.kind]
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        return signed_distance(self.mesh.U, self.mesh.F, x) + 0.02
+
+    def posed_distance(self, x: np.ndarray) -> np.ndarray:
+        return signed_distance(self.mesh.U, self.mesh.F, x) - 0.01
+
+    def extract_on(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        if self.kind == "empty":
+            return np.zeros((0, self.d)), np.zeros((0, self.d), dtype=int)
+        if self.kind == "perfect":
+            return self.mesh.extract_on(grid)
+        outside = 1.0 - 2.0 * self.mesh.inside(grid.points())
         return isosurface(-outside.reshape(grid.shape), grid)
 
 
@@ -79,7 +98,7 @@ def test_a_perfect_an_empty_and_an_inverted_prediction(d: int, characters) -> No
 def test_points_fill_the_cube_and_cling_to_the_surface(d: int, characters, monkeypatch) -> None:
     c, asked = characters[d], []
     model = stand_in(c, "perfect", frames=1)
-    monkeypatch.setattr(StandIn, "occupancy", lambda self, x, pose: (asked.append(x), np.zeros(len(x)))[1])
+    monkeypatch.setattr(PosedStandIn, "occupancy", lambda self, x: (asked.append(x), np.zeros(len(x)))[1])
     evaluate(model, points=4000, resolution=4, poses=["seen"])
     bbox, surface = asked
     U = linear_blend_skinning(c.V, c.W, model.motion[0])
@@ -104,6 +123,9 @@ def test_the_worst_frame_is_the_lowest_or_the_highest(characters) -> None:
     for name, score in seen.items():
         frames = score["frames"]
         assert len(frames) == 3
+        if name == "lookups":  # a stand-in counts none
+            assert score["mean"] is None
+            continue
         assert score["mean"] == pytest.approx(np.mean(frames))
         if name in ("iou_bbox", "iou_surface", "normal_consistency", "f_score", "watertight"):
             assert score["worst"] == min(frames)
@@ -122,7 +144,15 @@ def test_the_json_is_that_of_the_protocol(characters) -> None:
     assert values["noise"] == 0.006
     assert (values["points"], values["resolution"], values["seed"]) == (50, 8, 3)
     assert values["training"] == model.config
-    assert set(values) == {"schema", "L", "noise", "points", "resolution", "seed", "training", "poses", "rows"}
+    assert set(values) == {
+        "schema", "L", "noise", "points", "resolution", "seed", "training", "controls", "seconds", "poses", "rows",
+    }  # fmt: skip
+    assert values["controls"] == {
+        kind: {"iou_bbox": score, "iou_surface": score}
+        for kind, score in (("perfect", 1), ("empty", 0), ("inverted", 0))
+    }
+    assert set(values["seconds"]) == {""}
+    assert 0 < values["seconds"][""] < 100
     assert list(values["poses"]) == list(POSE_SETS)
     assert set(values["rows"]) == {"floor"}
     for sets in (values["poses"], values["rows"]["floor"]):
@@ -149,7 +179,7 @@ def test_the_floor_is_the_perfect_prediction(characters) -> None:
 def test_the_seed_and_nothing_else_is_chance(characters, models) -> None:
     options = {"points": 200, "resolution": 12, "poses": ["unseen"]}
     first = evaluate(models[2], **options).json()
-    assert evaluate(models[2], **options).json() == first
+    assert evaluate(models[2], **options).json() | {"seconds": first["seconds"]} == first
     assert evaluate(models[2], seed=1, **options).json()["poses"] != first["poses"]
     seen = [evaluate(models[2], seed=seed, **(options | {"poses": ["seen"]})).json() for seed in (0, 1)]
     assert seen[0]["poses"] != seen[1]["poses"]
@@ -171,10 +201,16 @@ def test_the_table_says_what_it_was_taken_with(models, capsys: pytest.CaptureFix
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"poses": ["sen"]}, "'sen' is none of seen, interpolated, unseen, far"),
-        ({"rows": ["ceiling"]}, "'ceiling' is none of floor, inverse, nearest"),
-        ({"points": 0}, "points must be at least 1 and resolution at least 2, got 0 and 128"),
-        ({"resolution": 1}, "points must be at least 1 and resolution at least 2, got 100000 and 1"),
+        ({"poses": ["sen"]}, "'sen' is none of seen, interpolated, unseen, far and no 'random S' with S in radians"),
+        ({"poses": ["random -1"]}, "'random -1' is none of"),
+        ({"poses": ["random x"]}, "'random x' is none of"),
+        ({"rows": ["ceiling"]}, "'ceiling' is none of floor, nearest, rigid-parts, search"),
+        ({"points": 0}, "points must be at least 1, resolution 0 or at least 2, noise at least 0; got 0, 128, 0.006"),
+        ({"resolution": 1}, "points must be at least 1, resolution 0 or at least 2, noise at least 0; got 100000, 1"),
+        (
+            {"noise": -1.0},
+            "points must be at least 1, resolution 0 or at least 2, noise at least 0; got 100000, 128, -1",
+        ),
     ],
 )
 def test_what_cannot_be_scored_is_refused(options: dict, message: str, characters) -> None:
@@ -241,10 +277,39 @@ def test_rows_of_the_model_s_own_map_and_of_the_nearest_vertex(d: int, models) -
     # After a moment's training the map alone is poor; the search needs little of it, and copied weights none.
     assert surface["inverse"] < surface["nearest"] < surface["floor"] == 1
     assert surface["inverse"] < searched
-    again = evaluate(
-        replace(model, settings=replace(model.settings, mapping="inverse")),
-        points=2000,
-        resolution=16,
-        poses=["unseen"],
-    )
+    own = replace(model, settings=replace(model.settings, mapping="inverse"))
+    again = evaluate(own, points=2000, resolution=16, poses=["unseen"])
     assert again.json()["poses"] == {"unseen": values["rows"]["inverse"]["unseen"]}
+
+
+def test_surfaces_may_be_left_out_and_other_poses_and_noises_asked_for(characters) -> None:
+    model = stand_in(characters[2], "perfect")
+    scores = evaluate(model, points=50, resolution=0, noise=0.02, poses=["random 0.5", "random 0.6"]).json()
+    assert scores["noise"] == 0.02
+    assert set(scores["poses"]) == {"random 0.5", "random 0.6"}
+    for sets in scores["poses"].values():
+        assert set(sets) == {"iou_bbox", "iou_surface", "lookups"}
+    first, second = (evaluation_poses(characters[2], model.motion, f"random {std}", seed=0) for std in (0.5, 0.6))
+    # Other poses, not the same ones bent further.
+    assert np.abs(first - second).max() > 0.5
+
+
+def test_random_poses_have_the_spread_that_their_name_says(characters) -> None:
+    c = characters[2]
+    B = np.concatenate([evaluation_poses(c, random_motion(c, frames=2), "random 0.5", seed=s) for s in range(60)])
+    theta, _ = local_rotations(c.C, c.BE, c.P, B)
+    assert np.sqrt((theta[:, c.P >= 0] ** 2).mean()) == pytest.approx(0.5, rel=0.05)
+
+
+def test_distances_are_compared_with_the_posed_mesh_s_own(characters) -> None:
+    model = stand_in(characters[2], "perfect", frames=1)
+    seen = evaluate(model, points=50, resolution=0, distances=True, poses=["seen"]).json()["poses"]["seen"]
+    assert seen["distance_error"]["mean"] == pytest.approx(2 / model.character.L)
+    assert seen["posed_distance_error"]["mean"] == pytest.approx(1 / model.character.L)
+
+
+def test_rows_of_a_map_need_a_model_that_has_it(characters) -> None:
+    model = stand_in(characters[2], "perfect")
+    model.settings = Settings(method="mlp")
+    with pytest.raises(ValueError, match=r"^the row 'inverse' is of the method nilbs, and this model's is mlp$"):
+        evaluate(model, rows=["inverse"])

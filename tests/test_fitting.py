@@ -12,15 +12,16 @@ import torch
 
 from nilbs.app.main import main
 from nilbs.character import Character, assemble
-from nilbs.fields.objective import NilbsObjective
-from nilbs.fitting import fit, remove_checkpoint
+from nilbs.fields.objective import Objective
+from nilbs.fitting import CHECKPOINT_KIND, fit, remove_checkpoint
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.archive import read_archive
 from nilbs.io.errors import FileFormatError
 from nilbs.io.mesh import write_mesh
 from nilbs.io.tgf import write_tgf
 from nilbs.io.weights import write_weights
-from nilbs.model import Model, load_model
+from nilbs.model import Model
+from nilbs.model_file import load_model
 from nilbs.motion import Motion, random_motion
 from nilbs.settings import Settings
 
@@ -37,7 +38,7 @@ SIZES = {
     "cache_resolution": 16,
     "weight_resolution": 16,
 }
-TINY = Settings(steps=20, **SIZES)
+TINY = Settings(steps=20, learning_rate=0.01, **SIZES)
 # Steps between two looks at the labelled points, where a training may be continued.
 REFRESH = 5
 
@@ -71,15 +72,15 @@ def assert_same(model: Model, other: Model) -> None:
 
 def watched(monkeypatch: pytest.MonkeyPatch, *, interrupt_at: int | None = None) -> list[int]:
     """The steps that a training makes; it can be interrupted when it comes to one."""
-    loss, steps = NilbsObjective.__call__, []
+    loss, steps = Objective.__call__, []
 
-    def watching(self: NilbsObjective, step: int) -> torch.Tensor:
+    def watching(self: Objective, step: int) -> torch.Tensor:
         if step == interrupt_at:
             raise KeyboardInterrupt
         steps.append(step)
         return loss(self, step)
 
-    monkeypatch.setattr(NilbsObjective, "__call__", watching)
+    monkeypatch.setattr(Objective, "__call__", watching)
     return steps
 
 
@@ -203,16 +204,17 @@ SLOWLY = f"""
 import functools, sys, time
 import torch
 import nilbs.fields.objective
+import nilbs.app.train
 import nilbs.fitting
 from nilbs.app.main import main
-from nilbs.fields.objective import NilbsObjective
+from nilbs.fields.objective import Objective
 
 nilbs.fields.objective.REFRESH = nilbs.fitting.REFRESH = {REFRESH}
 torch.set_num_threads(1)
-loss = NilbsObjective.__call__
-NilbsObjective.__call__ = lambda self, step: (time.sleep(0.05), loss(self, step))[1]
+loss = Objective.__call__
+Objective.__call__ = lambda self, step: (time.sleep(0.05), loss(self, step))[1]
 nilbs.fitting.train = functools.partial(nilbs.fitting.train, save_seconds=0.0)
-nilbs.fitting.Settings = functools.partial(nilbs.fitting.Settings, **{SIZES})
+nilbs.app.train.Settings = functools.partial(nilbs.app.train.Settings, **{SIZES})
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -224,7 +226,7 @@ def test_a_training_killed_half_way_and_resumed_ends_at_the_same_loss(tmp_path: 
     write_mesh(tmp_path / "bar.obj", V, E)
     write_tgf(tmp_path / "bar.tgf", np.pad(C, ((0, 0), (0, 1))), BE)
     write_weights(tmp_path / "bar.npz", W)
-    monkeypatch.setattr("nilbs.fitting.Settings", functools.partial(Settings, **SIZES))
+    monkeypatch.setattr("nilbs.app.train.Settings", functools.partial(Settings, **SIZES))
 
     def command(name: str) -> list[str]:
         files = [str(tmp_path / file) for file in ("bar.obj", "bar.tgf")]
@@ -252,4 +254,35 @@ def test_a_training_killed_half_way_and_resumed_ends_at_the_same_loss(tmp_path: 
 
 
 def steps_done(checkpoint: Path) -> int:
-    return read_archive(checkpoint, kind="nilbs checkpoint 1")[1]["step"] if checkpoint.exists() else 0
+    return read_archive(checkpoint, kind=CHECKPOINT_KIND)[1]["step"] if checkpoint.exists() else 0
+
+
+def test_minutes_are_turned_into_steps_and_leave_the_model_as_steps_would(bar) -> None:
+    character, motion = bar
+    said = []
+    timed = fit(character, motion, TINY, steps=0, device="cpu", minutes=0.005, report=said.append)
+    steps = timed.settings.steps
+    assert len(timed.history) == steps > 0
+    assert said == [f"{steps} steps will take about 0.005 min"]
+    counted = fit(character, motion, TINY, steps=steps, device="cpu")
+    np.testing.assert_array_equal(timed.history, counted.history)
+    assert timed.settings == counted.settings
+
+
+@pytest.mark.parametrize(("minutes", "steps"), [(0.0, 0), (-1.0, 0), (1.0, 20)])
+def test_minutes_are_positive_and_stand_alone(minutes: float, steps: int, bar) -> None:
+    with pytest.raises(ValueError, match=r"^minutes must be positive and stand alone, got "):
+        fit(*bar, TINY, steps=steps, device="cpu", minutes=minutes)
+
+
+def test_a_training_by_minutes_goes_on_to_the_steps_it_began_with(bar, tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "a.checkpoint"
+    options = {"device": "cpu", "checkpoint": path}
+    with monkeypatch.context() as patch:
+        watched(patch, interrupt_at=40)  # after the trial
+        with pytest.raises(KeyboardInterrupt):
+            fit(*bar, TINY, steps=0, minutes=0.05, **options)
+    steps = read_archive(path, kind=CHECKPOINT_KIND)[1]["steps"]
+    assert steps > 40
+    resumed = fit(*bar, TINY, steps=0, minutes=0.05, resume=True, **options)
+    assert_same(resumed, fit(*bar, TINY, steps=steps))

@@ -2,7 +2,7 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from nilbs.settings import Settings
+from nilbs.settings import MAPPINGS, METHODS, UNTRAINED, Settings
 
 
 def test_a_mapping_and_back() -> None:
@@ -19,8 +19,10 @@ def test_a_whole_number_stands_for_a_length() -> None:
 @pytest.mark.parametrize(("d", "cells", "weights"), [(2, 512, 256), (3, 256, 128)])
 def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, cells: int, weights: int) -> None:
     resolved = Settings(seed=4).resolved(bones=bones, d=d)
-    assert resolved == Settings(seed=4, steps=steps, cache_resolution=cells, weight_resolution=weights)
-    given = Settings(steps=7, cache_resolution=9, weight_resolution=8)
+    sizes = {"learning_rate": 0.01, "width": 96, "depth": 5, "poses_per_step": 64, "points_per_pose": 128}
+    assert resolved == Settings(seed=4, steps=steps, cache_resolution=cells, weight_resolution=weights, **sizes)
+    sizes = {"learning_rate": 0.5, "width": 7, "depth": 2, "poses_per_step": 6, "points_per_pose": 12}
+    given = Settings(steps=7, cache_resolution=9, weight_resolution=8, **sizes)
     assert given.resolved(bones=bones, d=d) == given
 
 
@@ -37,11 +39,12 @@ def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, ce
         ({"shell": float("inf")}, "shell must lie between 0 and 1e9, got inf"),
         ({"steps": -1}, "steps must lie between 0 and 1e9, got -1"),
         ({"cache_resolution": -1}, "cache_resolution must lie between 0 and 1e9, got -1"),
-        ({"width": 0}, "width must be positive, got 0"),
+        ({"ghost": 1}, "ghost must be of type bool, got 1"),
+        ({"method": "magic"}, f"method must be one of {', '.join(METHODS)}, got 'magic'"),
         ({"cache_width": 0.0}, "cache_width must be positive, got 0.0"),
         ({"depth": 1}, "depth must be at least 2, got 1"),
         ({"supervision": "none"}, "supervision must be one of volume, paper, got 'none'"),
-        ({"mapping": "forward"}, "mapping must be one of search, inverse, got 'forward'"),
+        ({"mapping": "forward"}, f"mapping must be one of {', '.join(MAPPINGS)}, got 'forward'"),
     ],
 )
 def test_a_value_out_of_range_is_named(changes: dict, message: str) -> None:
@@ -55,3 +58,10 @@ def test_other_names_are_refused() -> None:
     for wrong in ({**values, "colour": "red"}, {k: v for k, v in values.items() if k != "steps"}, {}):
         with pytest.raises(ValueError, match=r"^settings are \["):
             Settings.from_mapping(wrong)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_has_sizes_of_its_own(method: str) -> None:
+    resolved = Settings(method=method).resolved(bones=3, d=2)
+    assert {name: getattr(resolved, name) for name in METHODS[method]} == METHODS[method]
+    assert (resolved.steps == 0) == (method in UNTRAINED)

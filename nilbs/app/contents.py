@@ -56,7 +56,7 @@ def _read(path: str, suffix: str, others: list[Content], group: str | None) -> l
     if suffix == ".npy":
         return [Content(path, "points", {"x": read_npy(path)})]
     if suffix == ".nilbs":
-        from nilbs.model import load_model
+        from nilbs.model_file import load_model
 
         return [Content(path, "model", {"model": load_model(path)})]
     kind = kind_of(path)

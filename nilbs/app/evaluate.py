@@ -3,6 +3,7 @@
 import argparse
 
 from nilbs.app.options import add_json, add_points, add_resolution, add_seed
+from nilbs.settings import ROWS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -13,10 +14,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rows",
         nargs="+",
         default=(),
-        choices=("floor", "inverse", "nearest"),
+        choices=tuple(ROWS),
         metavar="ROW",
-        help="score these beside the model: floor, the true mesh's own distance on the same grid; inverse, the network "
-        "without the root search; nearest, inverse skinning with the weights of the nearest posed vertex",
+        help="score these beside the model: " + "; ".join(f"{row}, {what}" for row, what in ROWS.items()),
     )
     add_points(parser)
     add_resolution(parser)
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.output import show
     from nilbs.app.scoring import write_scores
     from nilbs.io import check_writable
-    from nilbs.model import load_model
+    from nilbs.model_file import load_model
 
     model = load_model(args.model)
     if args.out is not None:

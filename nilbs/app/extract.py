@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.poses import chosen_pose
     from nilbs.geometry.facets import is_watertight
     from nilbs.io import check_suffix, check_writable, write_mesh
-    from nilbs.model import load_model
+    from nilbs.model_file import load_model
 
     check_suffix(args.output, ".obj", ".ply")
     check_writable(args.output)

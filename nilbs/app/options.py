@@ -129,3 +129,17 @@ def not_negative(word: str) -> float:
     if not 0 <= value < 1e9:
         raise argparse.ArgumentTypeError(f"{word!r} is not a number of at least 0")
     return value
+
+
+def positive(word: str) -> float:
+    """Type of an option that takes a finite number above 0.
+
+    Examples
+    --------
+    >>> positive("0.4")
+    0.4
+    """
+    value = not_negative(word)
+    if not value:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a number above 0")
+    return value

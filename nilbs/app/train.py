@@ -2,10 +2,11 @@
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
-from nilbs.app.options import add_character, add_json, add_motion, add_seed, add_solve, not_negative, whole
-from nilbs.settings import AMPLITUDE, FRAMES
+from nilbs.app.options import add_character, add_json, add_motion, add_seed, add_solve, not_negative, positive, whole
+from nilbs.settings import AMPLITUDE, FRAMES, METHODS, Settings
 
 if TYPE_CHECKING:
     from nilbs.character import Character
@@ -36,7 +37,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RAD",
         help=f"rms local rotation of every bone but the roots in random motion (default {AMPLITUDE})",
     )
-    parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
+    parser.add_argument(
+        "--method",
+        choices=tuple(METHODS),
+        default="nilbs",
+        metavar="NAME",
+        help=f"how to learn the field, one of {', '.join(METHODS)}; all but nilbs (default) are rivals",
+    )
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
+    length.add_argument(
+        "--minutes", type=positive, metavar="M", help="as many training steps as fit into this time on this machine"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="any other setting of the training, by its name in nilbs.Settings; may be given again",
+    )
     parser.add_argument(
         "--supervision",
         choices=("volume", "paper"),
@@ -68,6 +87,7 @@ def run(args: argparse.Namespace) -> None:
     if args.motion is not None and args.amplitude is not None:
         raise ValueError("--amplitude is of random motion: it cannot stand beside --motion")
     check_motion_options(args)
+    settings = chosen_settings(args)
     start = perf_counter()
     rigged = read_rigged_mesh(args.mesh, args.rig, args.weights, group=args.group, solve=args.solve, report=tell)
     given = None if args.motion is None else motion_of_file(args, rigged.skeleton).take(args.frames)
@@ -79,19 +99,17 @@ def run(args: argparse.Namespace) -> None:
     character = rigged.assemble(progress=True, report=tell)
     motion = _random_motion(args, character) if given is None else given
     checkpoint = f"{args.output}.checkpoint"
-    settings = {"seed": args.seed, "supervision": args.supervision} | (
-        {} if args.steps is None else {"steps": args.steps}
-    )
     try:
         model = fit(
             character,
             motion,
+            settings,
             device=device,
+            minutes=args.minutes,
             checkpoint=checkpoint,
             resume=args.resume,
             progress=True,
             report=tell,
-            **settings,
         )
     except KeyboardInterrupt as interrupt:
         if Path(checkpoint).exists():
@@ -101,7 +119,9 @@ def run(args: argparse.Namespace) -> None:
     remove_checkpoint(checkpoint)
     values = {
         "model": args.output,
-        "loss": model.history[-100:].mean(),  # of the last steps: that of one step is noisy
+        "method": args.method,
+        # Of the last steps: that of one step is noisy.
+        "loss": model.history[-100:].mean() if len(model.history) else None,
         "seconds": perf_counter() - start,
         "peak_memory_mib": peak_memory_mib(),
         "frames": len(motion),
@@ -110,6 +130,33 @@ def run(args: argparse.Namespace) -> None:
         "seed": args.seed,
     }
     show(values, as_json=args.json)
+
+
+def chosen_settings(args: argparse.Namespace) -> Settings:
+    """Settings of a training, from the options.
+
+    Raises
+    ------
+    ValueError
+        If there is no such setting, an option of its own names it, or its value is none.
+    """
+    default = Settings()
+    own = {"method": args.method, "supervision": args.supervision, "seed": args.seed, "steps": args.steps}
+    others: dict[str, Any] = {}
+    for given in args.set:
+        name, _, word = given.partition("=")
+        if name not in asdict(default) or name in own:
+            known = ", ".join(other for other in asdict(default) if other not in own)
+            raise ValueError(f"--set {given}: the settings are {known}")
+        kind = type(getattr(default, name))
+        words = {"true": True, "false": False}
+        try:
+            others[name] = words[word.lower()] if kind is bool else kind(word)
+        except (KeyError, ValueError):
+            raise ValueError(
+                f"--set {given}: {name} must be of type {kind.__name__}, such as {getattr(default, name)}"
+            ) from None
+    return Settings(**{name: value for name, value in own.items() if value is not None}, **others)
 
 
 def peak_memory_mib() -> float | None:

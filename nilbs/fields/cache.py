@@ -32,11 +32,6 @@ class RestCache(nn.Module):
         self.register_buffer("origin", origin)
         self.spacing, self.width = float(spacing), float(width)
 
-    def coarser(self) -> "RestCache":
-        """The same shape on every other node, which a look-up finds in nearer memory."""
-        values = self.values[(slice(None, None, 2),) * self.values.ndim]
-        return RestCache(values, self.origin, 2 * self.spacing, width=self.width)
-
     def distance(self, x_rest: Tensor) -> Tensor:
         """Signed distance (...,) of rest points (..., d), in mesh units."""
         d = x_rest.shape[-1]

@@ -99,14 +99,7 @@ class ForwardField(nn.Module):
         forward : Forward
         """
         n, d = x_rest.shape
-        shape = torch.tensor(self.row.shape, dtype=x_rest.dtype, device=x_rest.device)
-        position = torch.minimum(((x_rest - self.origin) / self.spacing).clamp_min(0), shape - 1)
-        cell = torch.minimum(torch.nan_to_num(position.detach()).floor(), shape - 2)
-        near = position - cell  # per axis, the share of the farther node
-        strides = self.row.stride()
-        base = (cell.long() * torch.tensor(strides, device=cell.device)).sum(dim=-1)
-        offsets = torch.tensor([np.dot(corner, strides) for corner in np.ndindex(*(2,) * d)], device=cell.device)
-        corners = blends[self.row.ravel()[base[:, None] + offsets]].reshape(n, *(2,) * d, blends.shape[1])
+        corners, near = self._corners(x_rest, blends)
         # Along one axis after the other: value and derivatives so far, each over the axes that are left.
         parts = [corners]
         for axis in range(d):
@@ -118,6 +111,26 @@ class ForwardField(nn.Module):
         moved = affine(blend, x_rest)
         turned = torch.stack([affine(slope, x_rest) for slope in slopes], dim=-1)
         return Forward(moved, blend[..., :d] + turned)
+
+    def blend(self, x_rest: Tensor, blends: Tensor) -> Tensor:
+        """Blended transforms (n, d, d+1) at rest points (n, d)."""
+        n, d = x_rest.shape
+        values, near = self._corners(x_rest, blends)
+        for axis in range(d):
+            values = torch.lerp(values[:, 0], values[:, 1], near[:, axis].reshape(n, *(1,) * (d - axis)))
+        return values.reshape(n, d, d + 1)
+
+    def _corners(self, x_rest: Tensor, blends: Tensor) -> tuple[Tensor, Tensor]:
+        """Blends at the corners (n, 2, .., 2, d (d+1)) of each point's cell, and the share (n, d) of the farther."""
+        n, d = x_rest.shape
+        shape = torch.tensor(self.row.shape, dtype=x_rest.dtype, device=x_rest.device)
+        position = torch.minimum(((x_rest - self.origin) / self.spacing).clamp_min(0), shape - 1)
+        cell = torch.minimum(torch.nan_to_num(position.detach()).floor(), shape - 2)
+        strides = self.row.stride()
+        base = (cell.long() * torch.tensor(strides, device=cell.device)).sum(dim=-1)
+        offsets = torch.tensor([np.dot(corner, strides) for corner in np.ndindex(*(2,) * d)], device=cell.device)
+        corners = blends[self.row.ravel()[base[:, None] + offsets]].reshape(n, *(2,) * d, blends.shape[1])
+        return corners, position - cell
 
 
 def packed_weights(node: np.ndarray, W_node: np.ndarray, shape: tuple[int, ...]) -> dict[str, np.ndarray]:

@@ -53,3 +53,34 @@ def forward_kinematics(C: Tensor, BE: np.ndarray, P: np.ndarray, theta: Tensor) 
         if P[bone] >= 0:
             B[bone] = B[P[bone]] @ local[bone]
     return torch.stack(B)
+
+
+def local_angles(B: Tensor, P: Tensor) -> Tensor:
+    """Rotation of every bone relative to its parent, read from a pose.
+
+    Parameters
+    ----------
+    B : (p, b, d+1, d+1) tensor
+        Poses, rest to posed.
+    P : (b,) int tensor
+        Parent bones, -1 at a root.
+
+    Returns
+    -------
+    theta : (p, b, 1) or (p, b, 3) tensor
+        An angle in the plane, a rotation vector in space, in radians. Of transforms that are no rotations it is about
+        what their rotation is; half a turn in space has no sense of its own, and what is near it may take the other.
+    """
+    d = B.shape[-1] - 1
+    R = B[..., :d, :d]
+    parent = torch.where((P < 0)[:, None, None], torch.eye(d).to(R), R[:, P.clamp_min(0)])
+    local = torch.linalg.inv(parent) @ R
+    if d == 2:
+        return torch.atan2(local[..., 1, 0] - local[..., 0, 1], local[..., 0, 0] + local[..., 1, 1])[..., None]
+    skew = local - local.mT
+    axis = torch.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], dim=-1) / 2
+    cosine = (local.diagonal(dim1=-2, dim2=-1).sum(dim=-1, keepdim=True) - 1) / 2
+    square = (axis * axis).sum(dim=-1, keepdim=True)
+    small = square < 1e-12
+    sine = torch.where(small, 1.0, square).sqrt()
+    return axis * torch.where(small, 1.0, torch.atan2(sine, cosine) / sine)

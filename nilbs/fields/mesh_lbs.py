@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from nilbs.fields.array_field import ArrayAnswers, ArrayField
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.skinning import linear_blend_skinning
 
 
 class MeshLbs:
@@ -36,3 +38,20 @@ class MeshLbs:
             return distance, distance
 
         return field_surface(levels, grid)
+
+
+class MeshLbsField(ArrayField):
+    """The mesh, posed by linear blend skinning (eq. 1), behind the interface of every method.
+
+    Its distance is that of the posed mesh, not one at rest, and its rest images are nan.
+
+    Parameters
+    ----------
+    V, F, W : arrays
+        Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
+    """
+
+    def posed_arrays(self, B: np.ndarray) -> ArrayAnswers:
+        """Signed distances to the mesh in a pose (b, d+1, d+1)."""
+        U = linear_blend_skinning(self.V, self.W, B)
+        return lambda x: (signed_distance(U, self.F, x), np.full(x.shape, np.nan))

@@ -2,47 +2,35 @@
 
 import numpy as np
 
+from nilbs.fields.array_field import ArrayAnswers, ArrayField
 from nilbs.geometry.distance import signed_distance
-from nilbs.geometry.extraction import field_surface
-from nilbs.geometry.grids import Grid
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
 
 
-class NearestVertex:
-    """The inverse map (eq. 6) in one pose, with weights that are copied instead of predicted.
+class NearestVertex(ArrayField):
+    """The inverse map (eq. 6) with weights that are copied instead of predicted.
+
+    A posed point takes the weights of the nearest posed vertex; the inverse of their blend sends it to its rest image,
+    whose exact signed distance is the answer. Where a blend has no inverse the point is sent so far away that it is
+    surely outside.
 
     Parameters
     ----------
     V, F, W : arrays
-        Rest vertices (n, d) in mesh units, facets (m, d) and skinning weights (n, b).
-    B : (b, d+1, d+1) float array
-        Pose, rest to posed.
+        Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
     """
 
-    def __init__(self, V: np.ndarray, F: np.ndarray, W: np.ndarray, B: np.ndarray) -> None:
+    def posed_arrays(self, B: np.ndarray) -> ArrayAnswers:
+        """Signed distances and rest images in a pose (b, d+1, d+1)."""
         from scipy.spatial import cKDTree
 
-        self.V, self.F, self.W, self.B = V, F, W, B
-        self.tree = cKDTree(linear_blend_skinning(V, W, B))
-        # Where a blend has no inverse the point goes so far away that it is surely outside.
-        self.nowhere = V.max(axis=0) + 10 * np.ptp(V, axis=0).max()
+        tree = cKDTree(linear_blend_skinning(self.V, self.W, B))
+        nowhere = self.V.max(axis=0) + 10 * np.ptp(self.V, axis=0).max()
 
-    def rest_points(self, x: np.ndarray) -> np.ndarray:
-        """Rest images (n, d) of posed points."""
-        _, vertex = self.tree.query(x)
-        x_rest = inverse_linear_blend_skinning(x, self.W[vertex], self.B)
-        return np.where(np.isfinite(x_rest), x_rest, self.nowhere)
+        def answers(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            _, vertex = tree.query(x)
+            x_rest = inverse_linear_blend_skinning(x, self.W[vertex], B)
+            x_rest = np.where(np.isfinite(x_rest), x_rest, nowhere)
+            return signed_distance(self.V, self.F, x_rest), x_rest
 
-    def inside(self, x: np.ndarray) -> np.ndarray:
-        """Whether points (n, d) are inside."""
-        return occupancy(self.V, self.F, self.rest_points(x))
-
-    def extract_on(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-        """Surface of the rest images' signed distance on a grid: vertices (k, d) and facets (m', d)."""
-
-        def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            distance = signed_distance(self.V, self.F, self.rest_points(x))
-            return distance, distance
-
-        return field_surface(levels, grid)
+        return answers

@@ -1,41 +1,50 @@
-"""The weight network: from a posed point in every bone's local coordinates to skinning weights."""
+"""The weight network: from a posed point and its pose to skinning weights."""
 
 from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 
+from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
+
+# Logit of a ghost bone that does not exist: its weight is zero in any precision.
+NEVER = -1e4
+
 
 class WeightNetwork(nn.Module):
     """Multilayer perceptron W(x | theta) with one output for each bone and one for the ghost bone.
 
-    Its input is the rig-agnostic encoding of the NiLBS paper (section "Pose representation"): the query in the local
-    frame of every bone, here each bone's rest frame moved along with the bone. That encoding is affine in the query,
-    and so is the first layer: for a given pose the two fold into one small matrix, and a query never visits the b d
-    numbers.
+    Both encodings of a pose are affine in the query, and so is the first layer: for a given pose the two fold into one
+    small matrix, and a query never visits the encoding's numbers.
 
     Parameters
     ----------
-    centers : (b, d) tensor
-        First joint of every bone at rest, in mesh units.
-    scale : float
-        Length that counts as one, in mesh units.
+    encoding : LocalEncoding or ParameterEncoding
+        What it is told of a point and a pose.
+    bones : int
+        How many bones.
     width : int
         Units of a hidden layer.
     depth : int
         Linear layers, the first and the last included.
+    ghost : bool
+        Whether there is a ghost bone; without one its weight is always zero.
     """
 
-    centers: Tensor
-
-    def __init__(self, centers: Tensor, *, scale: float, width: int = 96, depth: int = 5) -> None:
+    def __init__(
+        self,
+        encoding: LocalEncoding | ParameterEncoding,
+        bones: int,
+        *,
+        width: int = 96,
+        depth: int = 5,
+        ghost: bool = True,
+    ) -> None:
         super().__init__()
         if depth < 2:
             raise ValueError(f"a weight network needs at least 2 layers, got {depth}")
-        b, d = centers.shape
-        self.register_buffer("centers", centers)
-        self.scale = float(scale)
-        sizes = [b * d, *([width] * (depth - 1)), b + 1]
+        self.encoding, self.ghost = encoding, ghost
+        sizes = [encoding.size, *([width] * (depth - 1)), bones + ghost]
         self.layers = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
 
     def forward(self, x: Tensor, B: Tensor) -> Tensor:
@@ -53,13 +62,9 @@ class WeightNetwork(nn.Module):
         logits : (p, n, b+1) tensor
             Softmax of the last dimension gives the weights; the ghost bone comes last.
         """
-        p, d = len(B), x.shape[-1]
-        B_inverse = torch.linalg.inv(B)
-        # Encoding: x -> (B_b^-1 x - c_b) / scale for all bones, one matrix and one offset a pose.
-        linear = B_inverse[:, :, :d, :d].reshape(p, -1, d) / self.scale
-        offset = (B_inverse[:, :, :d, d] - self.centers).reshape(p, -1) / self.scale
+        linear, offset = self.encoding(B)
         first = self.layers[0]
         hidden = torch.baddbmm((offset @ first.weight.T + first.bias)[:, None], x, (first.weight @ linear).mT)
         for layer in self.layers[1:]:
             hidden = layer(torch.relu(hidden))
-        return hidden
+        return hidden if self.ghost else nn.functional.pad(hidden, (0, 1), value=NEVER)

@@ -1,17 +1,30 @@
 """Root search: the rest points that forward skinning sends to a posed point, found from a few good starts."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
 
 from nilbs.fields.cramer import cramer
-from nilbs.fields.forward import ForwardField
+from nilbs.fields.forward import Forward
 
 # Lengths are in units of the body's longest edge.
 ROOT = 1e-3  # farther from where it must be than this is no root
 STEP = 0.1  # the longest step
 SHORTER = 0.3  # a step that led farther away is taken again, this much shorter
+
+
+class ForwardMap(Protocol):
+    """What a search goes on: `ForwardField` or `ForwardNetwork`."""
+
+    def blends(self, B: Tensor) -> Tensor:
+        """What a pose (b, d+1, d+1) is to the other two."""
+
+    def blend(self, x_rest: Tensor, blends: Tensor) -> Tensor:
+        """Blended transforms (n, d, d+1) at rest points (n, d)."""
+
+    def pose(self, x_rest: Tensor, blends: Tensor) -> Forward:
+        """Posed places of rest points (n, d), and their derivatives."""
 
 
 class Roots(NamedTuple):
@@ -23,7 +36,7 @@ class Roots(NamedTuple):
 
 
 def newton(
-    x: Tensor, start: Tensor, field: ForwardField, blends: Tensor, *, iterations: int, accuracy: float | None = None
+    x: Tensor, start: Tensor, field: ForwardMap, blends: Tensor, *, iterations: int, accuracy: float | None = None
 ) -> Roots:
     """Rest points that forward skinning sends to posed points.
 
@@ -33,7 +46,7 @@ def newton(
         Posed points.
     start : (n, d) tensor
         Where to begin.
-    field : ForwardField
+    field : ForwardField or ForwardNetwork
     blends : (rows, d (d+1)) tensor
         Of the pose.
     iterations : int
@@ -76,7 +89,7 @@ def newton(
         return Roots(x_rest, best, evaluations)
 
 
-def implicit(x: Tensor, root: Tensor, field: ForwardField, blends: Tensor) -> Tensor:
+def implicit(x: Tensor, root: Tensor, field: ForwardMap, blends: Tensor) -> Tensor:
     """Roots as functions of the posed points and of the pose.
 
     Parameters
@@ -85,7 +98,7 @@ def implicit(x: Tensor, root: Tensor, field: ForwardField, blends: Tensor) -> Te
         Posed points.
     root : (n, d) tensor
         Their rest images, found without a graph.
-    field : ForwardField
+    field : ForwardField or ForwardNetwork
     blends : (rows, d (d+1)) tensor
         Of the pose, with a graph where derivatives by it are wanted.
 

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from nilbs.fields.answer import Answer
 from nilbs.fields.cache import RestCache
 from nilbs.fields.cramer import cramer
+from nilbs.fields.field import Field
 from nilbs.fields.network import WeightNetwork
 
 
@@ -31,7 +32,7 @@ class FieldValues(NamedTuple):
         return nn.functional.logsigmoid(rest - ghost)
 
 
-class NilbsField(nn.Module):
+class NilbsField(Field):
     """Occupancy of a posed character by the paper's inverse map (eq. 6) and ghost bone (eq. 8).
 
     Parameters
@@ -48,21 +49,27 @@ class NilbsField(nn.Module):
         super().__init__()
         self.network, self.cache, self.root = network, cache, root
 
-    def forward(self, x: Tensor, B: Tensor) -> FieldValues:
+    def forward(self, x: Tensor, B: Tensor, *, reverse: bool = False) -> FieldValues:
         """Weights, rest image and cached distance of posed points.
 
         Parameters
         ----------
         x : (p, n, d) tensor
-            Posed points, n for each pose, in mesh units.
+            Posed points, n for each pose.
         B : (p, b, d+1, d+1) tensor
             Poses, rest to posed.
+        reverse : bool
+            Whether the rest image is that of `reverse_map`, not of `inverse_map`.
         """
         logits = self.network(x, B)
-        x_rest = inverse_map(x, torch.softmax(logits, dim=-1), B, root=self.root)
-        return FieldValues(logits, x_rest, self.cache.distance(x_rest))
+        mapped = (reverse_map if reverse else inverse_map)(x, torch.softmax(logits, dim=-1), B, root=self.root)
+        return FieldValues(logits, mapped, self.cache.distance(mapped))
 
-    def logit(self, values: FieldValues, *, ghost: bool = True) -> Tensor:
+    def logit(self, x: Tensor, B: Tensor) -> Tensor:
+        """Logit (p, n) of occupancy, by eq. 8."""
+        return self.logit_of(self(x, B))
+
+    def logit_of(self, values: FieldValues, *, ghost: bool = True) -> Tensor:
         """Logit (p, n) of occupancy: positive inside, and smooth where occupancy itself has saturated."""
         inside = -values.distance / self.cache.width
         if not ghost:
@@ -73,13 +80,13 @@ class NilbsField(nn.Module):
         log_outside = torch.logaddexp(nn.functional.logsigmoid(-inside), log_ghost + nn.functional.logsigmoid(inside))
         return log_solid + nn.functional.logsigmoid(inside) - log_outside
 
-    def answer(self, x: Tensor, B: Tensor, *, ghost: bool = True) -> Answer:
+    def answer(self, x: Tensor, B: Tensor, *, ghost: bool = True, reverse: bool = False) -> Answer:
         """Answers at points (n, d) of one pose (b, d+1, d+1).
 
         The distance is the cached one, but positive wherever the ghost bone makes the point one outside.
         """
-        values = FieldValues(*(tensor[0] for tensor in self(x[None], B[None])))
-        logit = self.logit(values, ghost=ghost)
+        values = FieldValues(*(tensor[0] for tensor in self(x[None], B[None], reverse=reverse)))
+        logit = self.logit_of(values, ghost=ghost)
         level = -self.cache.width * logit
         distance = torch.where((level > 0) & (values.distance < 0), level, values.distance)
         return Answer(logit, distance, values.x_rest)
@@ -110,3 +117,24 @@ def inverse_map(x: Tensor, W: Tensor, B: Tensor, *, root: int) -> Tensor:
     blend = B.transpose(2, 3).reshape(len(B), B.shape[1], -1).mT @ W.mT
     columns = blend.reshape(len(B), d + 1, d, -1)
     return cramer(columns[:, :d].unbind(1), x.mT - columns[:, d], dim=1)
+
+
+def reverse_map(x: Tensor, W: Tensor, B: Tensor, *, root: int) -> Tensor:
+    """The blend of the bones' inverses, applied to the point: sum_b W_b B_b^-1 x, which is no inverse of skinning.
+
+    The paper's source keeps it as a comment after eq. 6. It never meets a singular blend, but where bones turn apart it
+    shrinks what skinning has shrunk already.
+
+    Parameters
+    ----------
+    x, W, B, root
+        As for `inverse_map`.
+
+    Returns
+    -------
+    x_rest : (p, n, d) tensor
+    """
+    d = x.shape[-1]
+    B_inverse = torch.linalg.inv(torch.cat([B, B[:, root : root + 1]], dim=1))[:, :, :d]
+    blend = (W @ B_inverse.reshape(len(B), B_inverse.shape[1], -1)).unflatten(-1, (d, d + 1))
+    return (blend[..., :d] @ x[..., None])[..., 0] + blend[..., d]

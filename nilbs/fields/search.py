@@ -1,11 +1,14 @@
 """The default field: the network says where to begin, and a root search on the forward field says where to end."""
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from nilbs.fields.answer import Answer
+from nilbs.fields.field import Field, PosedField
+from nilbs.fields.fixed_point import fixed_point
 from nilbs.fields.forward import ForwardField
-from nilbs.fields.newton import ROOT, implicit, newton
+from nilbs.fields.forward_network import ForwardNetwork
+from nilbs.fields.newton import ROOT, ForwardMap, Roots, implicit, newton
 from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.overlap import Overlap
 
@@ -17,7 +20,7 @@ SAME = 0.02
 BEYOND = 2.0
 
 
-class SearchField(nn.Module):
+class SearchField(Field):
     """Occupancy of a posed character by root search.
 
     Forward skinning has one weight field for all poses; its inverse is what depends on the pose. Whether a posed point
@@ -32,21 +35,46 @@ class SearchField(nn.Module):
         The network and the rest cache.
     forward_field : ForwardField
         The rest weights.
+    forward_network : ForwardNetwork, optional
+        Where given, the search goes on its weights, and those on the grid only say which parts lie where.
     """
 
     body: Tensor  # nodes of the forward field in the body and just beyond its skin
 
-    def __init__(self, inverse: NilbsField, forward_field: ForwardField) -> None:
+    def __init__(
+        self, inverse: NilbsField, forward_field: ForwardField, forward_network: ForwardNetwork | None = None
+    ) -> None:
         super().__init__()
-        self.inverse, self.forward_field = inverse, forward_field
+        self.inverse, self.forward_field, self.forward_network = inverse, forward_field, forward_network
         places = forward_field.nodes()
         near = inverse.cache.distance(places.to(inverse.cache.values)) < BEYOND * forward_field.spacing
         # What the grids tell is not kept in a file a second time.
         self.register_buffer("body", torch.nonzero(near)[:, 0], persistent=False)
 
-    def posed(self, B: Tensor) -> "PosedSearch":
-        """The field in a pose, (b, d+1, d+1) rest to posed."""
-        return PosedSearch(self, B)
+    @property
+    def skinning(self) -> ForwardMap:
+        """The forward map that searches go on."""
+        return self.forward_field if self.forward_network is None else self.forward_network
+
+    def logit(self, x: Tensor, B: Tensor) -> Tensor:
+        """Logit (p, n) of occupancy by the inverse map, which is what learns."""
+        return self.inverse.logit(x, B)
+
+    def posed(self, B: Tensor, mapping: str = "search", *, ghost: bool = True) -> PosedField:
+        """The field in a pose.
+
+        Parameters
+        ----------
+        B : (b, d+1, d+1) tensor
+            Pose, rest to posed.
+        mapping : str
+            One of `nilbs.settings.MAPPINGS`.
+        ghost : bool
+            Whether the ghost bone takes part in the maps "inverse" and "reverse".
+        """
+        if mapping in ("inverse", "reverse"):
+            return lambda x: self.inverse.answer(x, B, ghost=ghost, reverse=mapping == "reverse")
+        return PosedSearch(self, B, mapping)
 
 
 class PosedSearch:
@@ -58,24 +86,29 @@ class PosedSearch:
         Points asked so far, and look-ups of the forward field for them.
     """
 
-    def __init__(self, field: SearchField, B: Tensor) -> None:
-        self.field, self.B = field, B
-        self.blends = field.forward_field.blends(B)
-        with torch.no_grad():
-            places = field.forward_field.nodes()[field.body]
-            self.overlap = Overlap(places, self.blends[field.body], field.forward_field.spacing)
+    def __init__(self, field: SearchField, B: Tensor, mapping: str = "search") -> None:
+        self.field, self.B, self.mapping = field, B, mapping
+        self.blends = field.skinning.blends(B)
+        if mapping == "search":
+            with torch.no_grad():
+                grid, body = field.forward_field, field.body
+                blends = self.blends if field.forward_network is None else grid.blends(B)
+                self.overlap = Overlap(grid.nodes()[body], blends[body], grid.spacing)
         self.queries = self.evaluations = 0
 
     def __call__(self, x: Tensor) -> Answer:
         """Answers at posed points (n, d)."""
         self.queries += len(x)
-        field, inverse = self.field, self.field.inverse
+        cache = self.field.inverse.cache
+        traced = torch.is_grad_enabled() and (x.requires_grad or self.B.requires_grad)
+        with torch.set_grad_enabled(traced):
+            first = self._first(x)
         with torch.no_grad():
-            first = inverse(x[None], self.B[None])
-            root, distance, residual = self._search(x, first.x_rest[0])
-            for start in self.overlap(x).unbind(1):
-                worth = (distance >= 0) & ~start.isnan().any(dim=-1)
-                worth &= torch.isinf(distance) | ((start - root).norm(dim=-1) > SAME)
+            root, distance, residual = self._search(x, first.detach())
+            for start in self._starts(x):
+                worth = ~start.isnan().any(dim=-1)
+                if self.mapping == "search":
+                    worth &= (distance >= 0) & (torch.isinf(distance) | ((start - root).norm(dim=-1) > SAME))
                 going = torch.nonzero(worth)[:, 0]
                 found = self._search(x[going], start[going])
                 better = found[1] < distance[going]
@@ -83,19 +116,39 @@ class PosedSearch:
                 for kept, new in zip((root, distance, residual), found, strict=True):
                     kept[going[better]] = new[better]
             solved = torch.isfinite(distance)
-        x_rest = torch.where(solved[:, None], root, first.x_rest[0])
-        if torch.is_grad_enabled() and (x.requires_grad or self.B.requires_grad):
-            traced = inverse(x[None], self.B[None]).x_rest[0]
-            x_rest = torch.where(solved[:, None], implicit(x, root, field.forward_field, self.blends), traced)
-        distance = inverse.cache.distance(x_rest)
+        if traced:
+            root = implicit(x, root, self.field.skinning, self.blends)
+        x_rest = torch.where(solved[:, None], root, first)
+        distance = cache.distance(x_rest)
         # A point without a rest image is outside, about as far as the nearest image lies from it.
         distance = torch.where(solved, distance, torch.maximum(distance, residual))
-        return Answer(-distance / inverse.cache.width, distance, x_rest)
+        return Answer(-distance / cache.width, distance, x_rest)
+
+    def _first(self, x: Tensor) -> Tensor:
+        """Where the first search begins."""
+        if self.mapping == "all-bones":
+            return self._rigid(x, 0)
+        image: Tensor = self.field.inverse(x[None], self.B[None]).x_rest[0]
+        return image
+
+    def _starts(self, x: Tensor) -> tuple[Tensor, ...]:
+        """Where further searches begin, each (n, d); nan where none is worth it."""
+        if self.mapping == "search":
+            return self.overlap(x).unbind(1)
+        if self.mapping == "all-bones":
+            return tuple(self._rigid(x, bone) for bone in range(1, len(self.B)))
+        return ()
+
+    def _rigid(self, x: Tensor, bone: int) -> Tensor:
+        """Images of points by a bone's inverse."""
+        d = x.shape[-1]
+        inverse = torch.linalg.inv(self.B[bone])
+        return x @ inverse[:d, :d].mT + inverse[:d, d]
 
     def _search(self, x: Tensor, start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Where a search ended, the distance there (infinite if that is no root), and the residual."""
-        field = self.field
-        root, residual, evaluations = newton(x, start, field.forward_field, self.blends, iterations=ITERATIONS)
-        self.evaluations += evaluations
-        distance = field.inverse.cache.distance(root)
-        return root, torch.where(residual < ROOT, distance, torch.inf), residual
+        solve = fixed_point if self.mapping == "fixed-point" else newton
+        found: Roots = solve(x, start, self.field.skinning, self.blends, iterations=ITERATIONS)
+        self.evaluations += found.evaluations
+        distance = self.field.inverse.cache.distance(found.x_rest)
+        return found.x_rest, torch.where(found.residual < ROOT, distance, torch.inf), found.residual

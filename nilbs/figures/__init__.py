@@ -37,6 +37,8 @@ def write_figures(
 ) -> list[Path]:
     """Write all figures of a model: notation, weights, ghost, training and reconstruction, as PNG.
 
+    Weights and ghost are of the method "nilbs" alone, training of what was trained.
+
     Parameters
     ----------
     model : Model
@@ -64,12 +66,10 @@ def write_figures(
     motion = model.motion
     if poses is None:
         poses = {f"training frame {motion.frames[k]}": motion[k] for k in evenly_spaced(len(motion), 3)}
-    return [
-        notation_figure(model, folder / "notation.png"),
-        weights_figure(model, folder / "weights.png"),
-        ghost_figure(model, folder / "ghost.png"),
-        training_figure(model, folder / "training.png"),
-        reconstruction_figure(
-            model, folder / "reconstruction.png", poses=poses, surfaces=surfaces, resolution=resolution
-        ),
-    ]
+    paths = [notation_figure(model, folder / "notation.png")]
+    if model.settings.method == "nilbs":
+        paths += [weights_figure(model, folder / "weights.png"), ghost_figure(model, folder / "ghost.png")]
+    if len(model.history):
+        paths.append(training_figure(model, folder / "training.png"))
+    last = folder / "reconstruction.png"
+    return [*paths, reconstruction_figure(model, last, poses=poses, surfaces=surfaces, resolution=resolution)]

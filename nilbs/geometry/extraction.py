@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from scipy.ndimage import binary_dilation
 
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.isosurface import isosurface
@@ -13,7 +14,7 @@ MARGIN = 1.5
 
 
 def field_surface(
-    values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], grid: Grid, *, stride: int = 4
+    values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]], grid: Grid, *, stride: int = 4
 ) -> tuple[np.ndarray, np.ndarray]:
     """Surface of a field on a grid, by asking coarsely first.
 
@@ -21,6 +22,8 @@ def field_surface(
     ----------
     values : function of (n, d) points
         Returns two (n,) arrays: the level, negative inside, and the distance that tells how near the surface may be.
+        None in place of the second where nothing tells: only blocks with both signs and their neighbours are looked
+        into.
     grid : Grid
         Where the surface is wanted.
     stride : int
@@ -38,7 +41,7 @@ def field_surface(
 
 
 def node_levels(
-    values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], grid: Grid, *, stride: int
+    values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]], grid: Grid, *, stride: int
 ) -> tuple[np.ndarray, int]:
     """Levels at the nodes of a grid, exact near the surface and of the right sign elsewhere.
 
@@ -57,12 +60,16 @@ def node_levels(
     blocks = -(-(shape - 1) // stride)
     coarse = np.minimum(np.argwhere(np.ones(blocks + 1, dtype=bool)) * stride, shape - 1)
     level, distance = values(grid.origin + grid.spacing * coarse)
-    level, distance = level.reshape(blocks + 1), distance.reshape(blocks + 1)
+    level = level.reshape(blocks + 1)
     levels = np.empty(grid.shape)
     # Far from the surface only the sign matters; every node takes its block's first corner, then the fine ones follow.
     nodes = np.ix_(*(np.arange(n) // stride for n in shape))
     levels[...] = level[nodes]
-    near = _any_corner(np.abs(distance) < MARGIN * stride * grid.spacing * np.sqrt(len(shape)), level < 0)
+    near = _mixed(level < 0)
+    if distance is None:
+        near = binary_dilation(near, np.ones((3,) * near.ndim))
+    else:
+        near |= _any_corner(np.abs(distance).reshape(level.shape) < MARGIN * stride * grid.spacing * np.sqrt(near.ndim))
     fine = np.zeros(grid.shape, dtype=bool)
     for axis_offsets in np.ndindex(*(2,) * len(shape)):
         # A node on the border of two blocks belongs to both.
@@ -78,12 +85,15 @@ def node_levels(
     return levels, len(coarse) + len(asked)
 
 
-def _any_corner(close: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Blocks with a corner close to the surface, or with corners on both sides of it."""
-    d = close.ndim
-    corners = [
-        tuple(slice(o, n - 1 + o) for o, n in zip(offset, close.shape, strict=True)) for offset in np.ndindex(*(2,) * d)
-    ]
-    some_in = np.logical_or.reduce([inside[corner] for corner in corners])
-    all_in = np.logical_and.reduce([inside[corner] for corner in corners])
-    return np.logical_or.reduce([close[corner] for corner in corners]) | (some_in & ~all_in)
+def _mixed(inside: np.ndarray) -> np.ndarray:
+    """Blocks with corners on both sides of the surface."""
+    return _any_corner(inside) & _any_corner(~inside)
+
+
+def _any_corner(marked: np.ndarray) -> np.ndarray:
+    """Blocks with a corner that is marked."""
+    corners = (
+        tuple(slice(o, n - 1 + o) for o, n in zip(offset, marked.shape, strict=True))
+        for offset in np.ndindex(*(2,) * marked.ndim)
+    )
+    return np.logical_or.reduce([marked[corner] for corner in corners])

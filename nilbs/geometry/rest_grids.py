@@ -7,7 +7,7 @@ from nilbs.geometry.grids import Grid
 from nilbs.geometry.interpolation import facet_values, volume_interpolation
 from nilbs.geometry.validation import arrays
 
-# Nodes on the skin's two sides are asked for at once; bounds the memory of a grid of any size.
+# Nodes that are asked for at once; bounds the memory of a grid of any size.
 CHUNK = 2**19
 # The coarsest grid has at least this many cells along its shortest edge.
 COARSEST = 4
@@ -50,7 +50,7 @@ def distance_grid(V: np.ndarray, F: np.ndarray, grid: Grid) -> np.ndarray:
     shape = np.array(grid.shape)
     if (shape - 1).min() <= 2 * COARSEST:
         return _exact(V, F, grid, np.arange(grid.size)).reshape(grid.shape)
-    coarse = Grid(grid.origin, 2 * grid.spacing, tuple((shape - 1 + 1) // 2 + 1))
+    coarse = Grid(grid.origin, 2 * grid.spacing, tuple(shape // 2 + 1))
     distance = _refined(distance_grid(V, F, coarse), grid.shape)
     near = np.flatnonzero(np.abs(distance) < 2 * coarse.spacing * np.sqrt(len(shape)))
     distance.ravel()[near] = _exact(V, F, grid, near)

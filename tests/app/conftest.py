@@ -75,9 +75,16 @@ def assets(tmp_path_factory):
 
 
 @pytest.fixture
-def quick_training(monkeypatch):
+def quick_settings(monkeypatch):
     """Let the command train on grids and batches that take no time."""
-    monkeypatch.setattr("nilbs.fitting.Settings", functools.partial(Settings, steps=2, **QUICK))
+    monkeypatch.setattr("nilbs.app.train.Settings", functools.partial(Settings, **QUICK))
+
+
+@pytest.fixture
+def quick_training(monkeypatch):
+    """The same, with only a step or two."""
+    for module in ("nilbs.fitting", "nilbs.app.train"):
+        monkeypatch.setattr(f"{module}.Settings", functools.partial(Settings, steps=2, **QUICK))
 
 
 @pytest.fixture

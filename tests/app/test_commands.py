@@ -7,7 +7,7 @@ import pytest
 
 from nilbs.geometry.facets import is_watertight
 from nilbs.io import read_mesh, read_npy, read_weights, write_motion_json, write_transforms
-from nilbs.model import load_model
+from nilbs.model_file import load_model
 
 
 @pytest.fixture
@@ -100,6 +100,14 @@ def test_weights_as_a_table(assets, nilbs):
             "weights are solved for or read from {}/bar2-weights.npz, not both",
         ),
         (["train", "bar2.obj", "bar.tgf", "--motion", "bar2.obj", "-o", "out/m.nilbs"], "the file name must end in"),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--set", "colour=red", "-o", "out/m.nilbs"],
+            "--set colour=red: the settings",
+        ),
+        (["train", "bar2.obj", "bar.tgf", "--set", "seed=3", "-o", "out/m.nilbs"], "--set seed=3: the settings are"),
+        (["train", "bar2.obj", "bar.tgf", "--set", "ghost", "-o", "out/m.nilbs"], "--set ghost: ghost must be of type"),
+        (["train", "bar2.obj", "bar.tgf", "--set", "width=x", "-o", "out/m.nilbs"], "width must be of type int, such"),
+        (["train", "bar2.obj", "bar.tgf", "--set", "noise=-1", "-o", "out/m.nilbs"], "noise must lie between 0 and"),
         (["query", "bar2.nilbs", "x3.npy", "--frame", "0", "-o", "out/v.npy"], "x3.npy: points must be (n, 2)"),
         (
             ["query", "bar2.nilbs", "x2.npy", "--frame", "3", "-o", "out/v.npy"],
@@ -174,6 +182,33 @@ def test_train_as_in_the_paper(assets, succeeds, out, d, quick_training):
         assert values["steps"] == len(model.history) == 3
         losses[supervision] = values["loss"]
     assert losses["paper"] != losses["volume"]
+
+
+@pytest.mark.parametrize("method", ["nasa", "snarf", "mlp", "nearest"])
+def test_rivals_are_trained_scored_and_extracted_as_the_method_is(assets, succeeds, out, d, method, quick_training):
+    path = out / "rival.nilbs"
+    files = (assets / f"bar{d}.obj", assets / "bar.tgf", "--weights", assets / f"bar{d}-weights.npz")
+    values = succeeds("train", *files, "--frames", 3, "--method", method, "-o", path)
+    assert values["method"] == method
+    assert values["steps"] == (0 if method == "nearest" else 2)
+    assert load_model(path).settings.method == method
+    scores = succeeds("evaluate", path, "--points", 50, "--resolution", 8, "--rows", "nearest", "rigid-parts")
+    assert set(scores["rows"]) == {"nearest", "rigid-parts"}
+    assert scores["training"]["method"] == method
+    if method == "nearest":
+        for name, iou in scores["poses"]["far"]["iou_bbox"].items():
+            assert iou == scores["rows"]["nearest"]["far"]["iou_bbox"][name]
+    assert succeeds("extract", path, "--frame", 0, "--resolution", 8, "-o", out / "m.obj")["vertices"] >= 0
+
+
+def test_train_takes_any_setting_and_a_time(assets, succeeds, out, quick_settings):
+    files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--frames", 2)
+    chosen = ("--set", "ghost=false", "--set", "encoding=parameters", "--set", "random_pose_std=0", "--set", "width=12")
+    values = succeeds("train", *files, *chosen, "--minutes", 0.005, "-o", out / "m.nilbs")
+    settings = load_model(out / "m.nilbs").settings
+    assert (settings.ghost, settings.encoding, settings.random_pose_std) == (False, "parameters", 0)
+    assert settings.width == 12
+    assert settings.steps == values["steps"] > 0
 
 
 def test_train_solves_for_weights_where_none_are_given(assets, succeeds, out, quick_training):

@@ -105,12 +105,3 @@ def test_leading_dimensions_and_the_order_in_memory_do_not_matter(rng: np.random
     assert not turned.is_contiguous()
     field = RestCache(turned, torch.full((3,), ORIGIN, dtype=torch.float64), SPACING, width=0.1)
     np.testing.assert_array_equal(field.distance(x.reshape(3, 4, 3)), expected.reshape(3, 4))
-
-
-@pytest.mark.parametrize("d", [2, 3])
-def test_every_other_node_tells_an_affine_function_as_well(d: int, rng: np.random.Generator) -> None:
-    slope = rng.normal(size=d)
-    coarse = cache(nodes(d) @ slope).coarser()
-    last = ORIGIN + 2 * SPACING * (np.array(coarse.values.shape) - 1)
-    x = rng.uniform(ORIGIN, last, (100, d))
-    np.testing.assert_allclose(coarse.distance(torch.as_tensor(x)), x @ slope, atol=1e-13)

@@ -3,8 +3,9 @@ import pytest
 import torch
 
 from nilbs.fields.cache import RestCache
+from nilbs.fields.encoding import LocalEncoding
 from nilbs.fields.network import WeightNetwork
-from nilbs.fields.nilbs import FieldValues, NilbsField, inverse_map
+from nilbs.fields.nilbs import FieldValues, NilbsField, inverse_map, reverse_map
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skinning import inverse_linear_blend_skinning
 
@@ -29,7 +30,7 @@ def field(d: int) -> NilbsField:
     centers = torch.linspace(-1, 1, BONES * d).reshape(BONES, d)
     values = torch.linspace(-1, 1, 4**d).reshape((4,) * d)
     cache = RestCache(values, torch.full((d,), -1.0), 0.7, width=WIDTH)
-    return NilbsField(WeightNetwork(centers, scale=1.0, width=16, depth=3), cache, root=ROOT).double()
+    return NilbsField(WeightNetwork(LocalEncoding(centers), len(centers), width=16, depth=3), cache, root=ROOT).double()
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -84,7 +85,7 @@ def test_derivatives_of_the_field_by_place_and_by_pose(d: int, rng: np.random.Ge
     nilbs = field(d)
     x = torch.tensor(0.3 * rng.normal(size=(1, 4, d)), requires_grad=True)
     B = torch.tensor(poses(d, 1, rng, angle=0.3), requires_grad=True)
-    assert torch.autograd.gradcheck(lambda x, B: nilbs.logit(nilbs(x, B)), (x, B))
+    assert torch.autograd.gradcheck(nilbs.logit, (x, B))
     assert torch.autograd.gradcheck(lambda x, B: nilbs(x, B).x_rest, (x, B))
 
 
@@ -110,8 +111,8 @@ def test_the_logit_is_that_of_eight(rng: np.random.Generator) -> None:
     )
     inside = torch.sigmoid(-values.distance / WIDTH)
     ghost = values.weights[..., -1]
-    torch.testing.assert_close(torch.sigmoid(nilbs.logit(values)), (1 - ghost) * inside)
-    torch.testing.assert_close(torch.sigmoid(nilbs.logit(values, ghost=False)), inside)
+    torch.testing.assert_close(torch.sigmoid(nilbs.logit_of(values)), (1 - ghost) * inside)
+    torch.testing.assert_close(torch.sigmoid(nilbs.logit_of(values, ghost=False)), inside)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
@@ -122,7 +123,7 @@ def test_the_logit_is_finite_and_has_a_gradient_where_occupancy_has_saturated(
 ) -> None:
     logits = torch.tensor([[[0.0, 0.0, 0.0, ghost]]], dtype=dtype, requires_grad=True)
     far = torch.tensor([[distance]], dtype=dtype, requires_grad=True)
-    logit = field(2).to(dtype).logit(FieldValues(logits, torch.zeros((1, 1, 2), dtype=dtype), far))
+    logit = field(2).to(dtype).logit_of(FieldValues(logits, torch.zeros((1, 1, 2), dtype=dtype), far))
     logit.sum().backward()
     assert torch.isfinite(logit).all()
     assert torch.isfinite(logits.grad).all()
@@ -131,3 +132,39 @@ def test_the_logit_is_finite_and_has_a_gradient_where_occupancy_has_saturated(
     assert (logit > 0).item() == (distance < 0 and ghost < 1)
     slope = logits.grad.abs().sum() + far.grad.abs().sum()
     assert slope > 1e-3
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_reverse_map_blends_the_inverses(d: int, rng: np.random.Generator) -> None:
+    x, W, B = rng.normal(size=(2, 50, d)), weights(2, 50, rng), poses(d, 2, rng)
+    found = reverse_map(torch.as_tensor(x), torch.as_tensor(W), torch.as_tensor(B), root=ROOT).numpy()
+    for p in range(2):
+        images = [transform_points(np.linalg.inv(B[p, b]), x[p]) for b in [*range(BONES), ROOT]]
+        expected = sum(W[p, :, b, None] * image for b, image in enumerate(images))
+        np.testing.assert_allclose(found[p], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_both_maps_agree_where_one_bone_has_all_the_weight_and_part_where_two_share_it(d: int) -> None:
+    theta = np.zeros((BONES, 3 if d == 3 else 1))
+    theta[0, -1], theta[1, -1] = 0.8, -0.8
+    B = rigid_transforms(rotation_matrices(theta), np.zeros((BONES, d)))[None]
+    x = np.ones((1, 2, d))
+    W = np.array([[[1, 0, 0, 0], [0.5, 0.5, 0, 0.0]]])
+    inverse = mapped(x, W, B)[0]
+    reverse = reverse_map(torch.as_tensor(x), torch.as_tensor(W), torch.as_tensor(B), root=ROOT).numpy()[0]
+    np.testing.assert_allclose(reverse[0], inverse[0], atol=1e-12)
+    # Turned by 0.8 either way: the blend shrinks by cos 0.8; its inverse undoes that, the blend of inverses repeats it.
+    np.testing.assert_allclose(inverse[1, :2], 1 / np.cos(0.8))
+    np.testing.assert_allclose(reverse[1, :2], np.cos(0.8))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_answer_by_either_map(d: int, rng: np.random.Generator) -> None:
+    nilbs, x, B = field(d), torch.as_tensor(rng.normal(size=(40, d))), torch.as_tensor(poses(d, 1, rng)[0])
+    with torch.no_grad():
+        W = nilbs(x[None], B[None]).weights
+        for reverse, mapping in ((False, inverse_map), (True, reverse_map)):
+            answer = nilbs.answer(x, B, ghost=False, reverse=reverse)
+            torch.testing.assert_close(answer.x_rest, mapping(x[None], W, B[None], root=ROOT)[0])
+            torch.testing.assert_close(answer.distance, nilbs.cache.distance(answer.x_rest))

@@ -5,6 +5,8 @@ import pytest
 import torch
 
 from nilbs.fields.cache import RestCache
+from nilbs.fields.encoding import LocalEncoding
+from nilbs.fields.fixed_point import fixed_point
 from nilbs.fields.forward import ForwardField, packed_weights
 from nilbs.fields.network import WeightNetwork
 from nilbs.fields.nilbs import NilbsField
@@ -42,7 +44,7 @@ def rod(d: int) -> SearchField:
     forward = ForwardField(**arrays, origin=torch.as_tensor(grid.origin), spacing=grid.spacing)
     centers = torch.zeros((2, d))
     centers[0, 0] = -HALF
-    network = WeightNetwork(centers, scale=1.0, width=8, depth=2)
+    network = WeightNetwork(LocalEncoding(centers), 2, width=8, depth=2)
     return SearchField(NilbsField(network, cache, root=0), forward).double()
 
 
@@ -147,3 +149,52 @@ def test_of_a_body_thinner_than_a_cell_no_part_is_told(d: int) -> None:
     empty = torch.zeros((0, d), dtype=torch.float64)
     overlap = Overlap(empty, torch.zeros((0, d * (d + 1)), dtype=torch.float64), 0.1)
     assert overlap(torch.zeros((2, d), dtype=torch.float64)).isnan().all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_one_search_alone_misses_what_all_bones_find(d: int, rng: np.random.Generator) -> None:
+    field, B = rod(d), bent(d, np.pi - 0.25)
+    x_rest = points(d, 2000, rng)
+    x_rest = x_rest[(distance(x_rest) < -0.003) & (np.abs(x_rest[:, 0]) > 0.12)]
+    x = torch.as_tensor(posed(x_rest, B))
+    found, asked = {}, {}
+    with torch.no_grad():
+        for mapping in ("search", "one-search", "all-bones"):
+            ask = field.posed(B, mapping)
+            found[mapping] = (ask(x).logit > 0).double().mean()
+            asked[mapping] = ask.evaluations / ask.queries
+    assert found["search"] == found["all-bones"] == 1
+    assert found["one-search"] < 0.99
+    assert asked["one-search"] < asked["search"]
+    assert asked["all-bones"] >= 2  # every bone is begun from, wherever the first led
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_fixed_point_is_a_rest_image_where_it_contracts(d: int, rng: np.random.Generator) -> None:
+    field, B = rod(d), bent(d, 0.3)
+    x_rest = points(d, 500, rng)
+    x = torch.as_tensor(posed(x_rest, B))
+    start = torch.as_tensor(x_rest + 0.02 * rng.normal(size=x_rest.shape))
+    blends = field.skinning.blends(B)
+    missed = [
+        fixed_point(x, start, field.skinning, blends, iterations=n).residual.quantile(0.9).item() for n in (0, 2, 8, 30)
+    ]
+    assert missed[0] > missed[1] > missed[2] > missed[3]
+    assert missed[3] < 1e-9
+    found = fixed_point(x, start, field.skinning, blends, iterations=30)
+    assert found.evaluations == 31 * len(x)
+    near = found.residual.numpy() < 1e-9
+    assert near.mean() > 0.9
+    again = field.forward_field.pose(found.x_rest, blends).x.numpy()
+    np.testing.assert_allclose(again[near], x.numpy()[near], atol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_answers_of_the_fixed_point_count_their_look_ups(d: int, rng: np.random.Generator) -> None:
+    field, B = rod(d), bent(d, 0.1)
+    ask = field.posed(B, "fixed-point")
+    with torch.no_grad():
+        answer = ask(torch.as_tensor(posed(points(d, 300, rng), B)))
+    assert ask.evaluations == 7 * 300
+    assert answer.logit.shape == (300,)
+    assert (answer.distance < 0).eq(answer.logit > 0).all()

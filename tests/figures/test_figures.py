@@ -13,6 +13,7 @@ from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.gingerbread import gingerbread
 from nilbs.motion import random_motion
+from nilbs.settings import Settings
 
 NAMES = ["notation.png", "weights.png", "ghost.png", "training.png", "reconstruction.png"]
 
@@ -38,6 +39,7 @@ class Truth:
         self.character = two_bones(d)
         self.motion = random_motion(self.character, frames=4, seed=1)
         self.history = np.exp(-np.arange(200) / 50)
+        self.settings = Settings()
 
     def posed(self, pose: np.ndarray) -> np.ndarray:
         return linear_blend_skinning(self.character.V, self.character.W, pose)
@@ -79,6 +81,14 @@ def test_all_figures_are_written_in_order(d, tmp_path):
         image = imread(path)
         assert min(image.shape[:2]) > 300
         assert image[..., :3].std() > 0.05
+
+
+def test_what_a_method_has_not_is_not_drawn(tmp_path):
+    rival = Truth(2)
+    rival.settings, rival.history = Settings(method="nearest"), np.zeros(0)
+    paths = write_figures(rival, tmp_path, resolution=16)
+    assert [path.name for path in paths] == ["notation.png", "reconstruction.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["notation.png", "reconstruction.png"]
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -1,0 +1,119 @@
+"""Broyden's method: roots of many small systems at once, from a few values of the function and no derivative."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+# The least by which an update of the inverse is divided, in terms of the squared step.
+SMALLEST = 1e-3
+
+
+class BroydenRoots(NamedTuple):
+    """Where searches ended.
+
+    Attributes
+    ----------
+    x_rest : (m, d) tensor
+        The best points met.
+    residual : (m,) tensor
+        Distance of their images from where they must be.
+    converged : (m,) bool tensor
+        Whether that is below the threshold of convergence.
+    evaluations : int
+        Points at which the function was evaluated, the starts left out where their images were given.
+    """
+
+    x_rest: Tensor
+    residual: Tensor
+    converged: Tensor
+    evaluations: int
+
+
+def broyden(
+    forward: Callable[[Tensor, Tensor], Tensor],
+    x: Tensor,
+    start: Tensor,
+    inverse_jacobian: Tensor,
+    *,
+    iterations: int,
+    image: Tensor | None = None,
+    convergence: float = 1e-5,
+    divergence: float = 1.0,
+) -> BroydenRoots:
+    """Points that a map sends to given places, by Broyden's first ("good") method [1]_.
+
+    Parameters
+    ----------
+    forward : function of (a, d) tensor and (a,) int tensor
+        Images (a, d) of points; the integers tell which of the m searches each point belongs to.
+    x : (m, d) tensor
+        Where the images must lie.
+    start : (m, d) tensor
+        Where to begin.
+    inverse_jacobian : (m, d, d) tensor
+        Inverse of the derivative of the image by the point, at or about the start.
+    iterations : int
+        The most steps; each evaluates the map once at every point that is not done.
+    image : (m, d) tensor, optional
+        Images of the starts, where they are known.
+    convergence : float
+        A search whose image misses by less is done.
+    divergence : float
+        A search that a step led this far from where its image must lie is given up.
+
+    Returns
+    -------
+    roots : BroydenRoots
+        Without a graph of derivatives.
+
+    References
+    ----------
+    .. [1] Broyden, A class of methods for solving nonlinear simultaneous equations, 1965.
+
+    Examples
+    --------
+    >>> x, start = torch.tensor([[4.0, 9.0]]), torch.tensor([[1.5, 2.5]])
+    >>> roots = broyden(lambda z, _: z**2, x, start, torch.diag_embed(0.5 / start), iterations=10)
+    >>> roots.x_rest.round(decimals=3).tolist(), roots.converged.tolist()
+    ([[2.0, 3.0]], [True])
+    """
+    with torch.no_grad():
+        active = torch.arange(len(x), device=x.device)
+        evaluations = 0
+        if image is None:
+            image = forward(start, active)
+            evaluations += len(start)
+        at, missed, inverse = start, image - x, inverse_jacobian
+        best, residual = start.clone(), _length(missed)
+        going = residual >= convergence  # also drops what is not a number
+        for _ in range(iterations):
+            active, at, missed, inverse = active[going], at[going], missed[going], inverse[going]
+            if not len(active):
+                break
+            step = -_times(inverse, missed)
+            at = at + step
+            change = -missed
+            missed = forward(at, active) - x[active]
+            change = change + missed
+            evaluations += len(active)
+            length = _length(missed)
+            better = length < residual[active]
+            best[active[better]], residual[active[better]] = at[better], length[better]
+            going = (length >= convergence) & (length < divergence)
+            predicted = _times(inverse, change)
+            row = _times(inverse.mT, step)
+            scale = (step * predicted).sum(dim=-1)
+            least = SMALLEST * (step * step).sum(dim=-1)
+            scale = torch.where(scale.abs() < least, torch.where(scale < 0, -least, least), scale)
+            inverse = inverse + (step - predicted)[:, :, None] * (row / scale[:, None])[:, None]
+        return BroydenRoots(best, residual, residual < convergence, evaluations)
+
+
+def _length(v: Tensor) -> Tensor:
+    return (v * v).sum(dim=-1).sqrt()
+
+
+def _times(matrix: Tensor, v: Tensor) -> Tensor:
+    return (matrix * v[:, None]).sum(dim=-1)

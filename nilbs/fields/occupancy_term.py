@@ -1,0 +1,72 @@
+"""The paper's occupancy loss: a field against the truth at labelled points of the motion's frames."""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from nilbs.fields.adaptive import AdaptiveSampler
+from nilbs.fields.samples import OccupancySamples
+
+
+class OccupancyTerm:
+    """Occupancy loss of any field on the labelled points of a step.
+
+    Parameters
+    ----------
+    logit : function of points (p, n, d) and poses (p, b, d+1, d+1)
+        Logits (p, n) of occupancy: what is trained.
+    poses : (t, b, d+1, d+1) tensor
+        The motion's frames, in the field's precision and on its device.
+    labelled : OccupancySamples
+        Points of those frames.
+    poses_per_step, points_per_pose : int
+        Size of a step's batch.
+    factor : float
+        Factor of the loss.
+    adaptive : bool
+        Whether half of the points are drawn in proportion to the field's error on them when it was last looked at.
+    squared : bool
+        Whether occupancies are compared by their squared difference, the paper's norm, and not by cross-entropy.
+    """
+
+    def __init__(
+        self,
+        logit: Callable[[Tensor, Tensor], Tensor],
+        poses: Tensor,
+        labelled: OccupancySamples,
+        *,
+        poses_per_step: int,
+        points_per_pose: int,
+        factor: float = 1.0,
+        adaptive: bool = True,
+        squared: bool = False,
+    ) -> None:
+        self.logit, self.poses = logit, poses
+        self.x = torch.as_tensor(labelled.x).to(poses)
+        self.inside = torch.as_tensor(labelled.inside).to(poses)
+        self.sampler = AdaptiveSampler(*labelled.inside.shape)
+        self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
+        self.factor, self.adaptive, self.squared = factor, adaptive, squared
+
+    def look(self) -> None:
+        """Look at the field's error on the whole pool of points."""
+        if self.adaptive and self.factor:
+            self.sampler.refresh(self._error)
+
+    def __call__(self, rng: np.random.Generator) -> Tensor:
+        """Loss on a batch that the generator draws."""
+        frames, points = self.sampler.draw(self.poses_per_step, self.points_per_pose, rng)
+        frame = torch.as_tensor(frames, device=self.poses.device)
+        point = torch.as_tensor(points, device=self.poses.device)
+        logit = self.logit(self.x[frame[:, None], point], self.poses[frame])
+        inside = self.inside[frame[:, None], point]
+        if self.squared:
+            return self.factor * ((torch.sigmoid(logit) - inside) ** 2).mean()
+        return self.factor * nn.functional.binary_cross_entropy_with_logits(logit, inside)
+
+    def _error(self, frame: int) -> Tensor:
+        """Squared error of occupancy at all labelled points of a frame."""
+        logit = self.logit(self.x[frame : frame + 1], self.poses[frame : frame + 1])[0]
+        return (torch.sigmoid(logit) - self.inside[frame]) ** 2

@@ -1,0 +1,102 @@
+"""Rigid pieces of the rest shape, each moved by its bone: what is left of skinning where nothing is blended."""
+
+import numpy as np
+
+from nilbs.fields.array_field import ArrayAnswers, ArrayField
+from nilbs.geometry.distance import signed_distance
+from nilbs.geometry.grids import Grid
+
+# Cells along the longest edge of the grid that tells how far the shape reaches beyond the vertices of a part.
+RESOLUTION = 32
+# In units of the body's longest edge: the smallest distance of a place that no part holds.
+SMALLEST = 1e-6
+# In those units: what is surely farther away than this may be told to be nearer than it is.
+NEAR = 0.1
+
+
+class RigidParts(ArrayField):
+    """The union of rigid parts; nothing is learned, and nothing bends.
+
+    A part is the piece of the rest shape where its bone's weight is largest; the weights at a place are those of the
+    nearest vertex of the surface or the volume. Every bone's inverse transform gives a posed point an image, and the
+    point is inside where the image lies in the shape and in the bone's own part.
+
+    The distance is the exact one to the rest shape at the deepest image that lies in its own part. Where there is no
+    image of that kind it is positive and at most the distance to the nearest part, which may be the cut between two.
+    The cut itself is no surface: at a place inside it does not count.
+
+    Parameters
+    ----------
+    V, F, W : arrays
+        Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
+    V_volume, W_volume : arrays
+        Vertices of the volume (n', d) and their weights (n', b).
+    """
+
+    def __init__(self, V: np.ndarray, F: np.ndarray, W: np.ndarray, V_volume: np.ndarray, W_volume: np.ndarray) -> None:
+        super().__init__(V, F, W)
+        from scipy.spatial import cKDTree
+
+        places = np.concatenate([V, V_volume])
+        self.owner = np.concatenate([W, W_volume]).argmax(axis=1)
+        self.tree = cKDTree(places)
+        reach = self._reach()
+        self.lower = np.full((W.shape[1], V.shape[1]), np.inf)
+        self.upper = -self.lower
+        np.minimum.at(self.lower, self.owner, places - reach)
+        np.maximum.at(self.upper, self.owner, places + reach)
+        # One tree for all parts: a further coordinate holds them so far apart that a query stays within its own.
+        self.apart = 10 * (np.linalg.norm(np.ptp(places, axis=0)) + reach)
+        self.part_tree = cKDTree(np.column_stack([places, self.apart * self.owner]))
+
+    def posed_arrays(self, B: np.ndarray) -> ArrayAnswers:
+        """Signed distances and rest images in a pose (b, d+1, d+1)."""
+        d = self.V.shape[1]
+        linear, offset = B[:, :d, :d].copy(), B[:, :d, d, None]
+        # A bone that flattens space has no images: it sends points far away.
+        singular = np.abs(np.linalg.det(linear)) < 1e-12
+        linear[singular] = np.eye(d)
+        inverse = np.linalg.inv(linear)
+        translation = -inverse @ offset
+        translation[singular] = (self.V.max(axis=0) + 10 * np.ptp(self.V, axis=0).max())[:, None]
+        return lambda x: self._answers((inverse @ x.T + translation).swapaxes(1, 2))
+
+    def _answers(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance and deciding image of points with images (b, n, d)."""
+        # A part lies in its box, so beyond the box the distance to the box is a bound.
+        beyond = np.maximum(np.maximum(self.lower[:, None] - images, images - self.upper[:, None]), 0)
+        value = np.linalg.norm(beyond, axis=2)
+        bone, point = np.nonzero(value == 0)
+        place = images[bone, point]
+        own = self.owner[self.tree.query(place)[1]] == bone
+        value[bone[own], point[own]] = signed_distance(self.V, self.F, place[own])
+        exact = np.zeros(value.shape, dtype=bool)
+        exact[bone[own], point[own]] = True
+        # What is still open is settled for the images with the smallest bounds, until one that is settled is smallest.
+        point = np.arange(images.shape[1])
+        while len(point):
+            bone = value[:, point].argmin(axis=0)
+            open_ = ~exact[bone, point] & (value[bone, point] < NEAR)
+            bone, point = bone[open_], point[open_]
+            value[bone, point] = np.maximum(value[bone, point], self._bound(bone, images[bone, point]))
+            exact[bone, point] = True
+        nearest, n = value.argmin(axis=0), np.arange(images.shape[1])
+        return value[nearest, n], images[nearest, n]
+
+    def _bound(self, bone: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Least distances from places to the parts of bones that do not hold them.
+
+        A step changes the distances to the nearest vertex of the part and of another by its length at most, so half
+        their difference lies between here and the part. And a part lies in the shape.
+        """
+        near, _ = self.tree.query(place)
+        far, _ = self.part_tree.query(np.column_stack([place, self.apart * bone]))
+        return np.maximum(np.maximum((far - near) / 2, signed_distance(self.V, self.F, place)), SMALLEST)
+
+    def _reach(self) -> float:
+        """How far a place in the shape may lie from the nearest vertex, a bound."""
+        grid = Grid.box(self.V, RESOLUTION)
+        nodes = grid.points()
+        step = grid.spacing * np.sqrt(nodes.shape[1]) / 2  # no place in the grid is farther from a node
+        close = nodes[signed_distance(self.V, self.F, nodes) <= step]
+        return float(self.tree.query(close)[0].max(initial=0)) + step

@@ -1,0 +1,143 @@
+"""The paper's weight loss, and its extension to the rest volume in any pose."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from nilbs.fields.forward_network import ForwardNetwork
+from nilbs.fields.nilbs import NilbsField, inverse_map
+from nilbs.fields.samples import RestSamples
+from nilbs.geometry.kinematics import forward_kinematics, random_rotations
+
+
+@dataclass(frozen=True)
+class RandomPoses:
+    """Poses drawn while training: each bone but the roots turned about a random axis.
+
+    Attributes
+    ----------
+    C, BE, P : arrays
+        The skeleton, in the field's frame.
+    std : float
+        Largest standard deviation of the angle, in radians; each pose draws its own between zero and this.
+    """
+
+    C: np.ndarray
+    BE: np.ndarray
+    P: np.ndarray
+    std: float
+
+    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        """N poses, an (n, b, d+1, d+1) array."""
+        theta = random_rotations(self.P, self.C.shape[1], n, std=1.0, rng=rng)
+        theta *= rng.uniform(0, self.std, (n, 1, 1))
+        return forward_kinematics(self.C, self.BE, self.P, theta)
+
+
+class WeightTerm:
+    """Cross-entropy between a network's weights and known ones at rest points that skinning has posed.
+
+    The posed point's weights are those of the rest point it came from. Posing costs nothing, so half of the poses are
+    drawn at random. The paper's own loss is the special case of the rest pose and the rest vertices.
+
+    Parameters
+    ----------
+    field : NilbsField
+        What is trained.
+    poses : (t, b, d+1, d+1) tensor, optional
+        The motion's frames. None poses nothing: rest points are supervised in the rest pose.
+    rest : RestSamples
+        Rest points with known weights.
+    random_poses : RandomPoses, optional
+        Where half of the poses come from.
+    poses_per_step, points_per_pose : int
+        Size of a step's batch.
+    factor : float
+        Factor of the cross-entropy.
+    position_loss : float
+        Factor of the mean distance (sum of absolute coordinates) by which the inverse map misses the rest points. A
+        wrong weight matters as much as the bones that it mixes lie apart; the cross-entropy alone does not know.
+    """
+
+    def __init__(
+        self,
+        field: NilbsField,
+        poses: Tensor | None,
+        rest: RestSamples,
+        *,
+        random_poses: RandomPoses | None,
+        poses_per_step: int,
+        points_per_pose: int,
+        factor: float,
+        position_loss: float = 0.0,
+    ) -> None:
+        like = next(field.parameters())
+        self.field, self.poses, self.random_poses = field, poses, random_poses
+        self.factor, self.position_loss = factor, position_loss
+        self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
+        self.x_rest = torch.as_tensor(rest.x_rest).to(like)
+        self.W = torch.as_tensor(rest.W).to(like)
+
+    def __call__(self, rng: np.random.Generator) -> Tensor:
+        """Loss on a batch that the generator draws."""
+        B = self.draw_poses(rng)
+        point = indices(rng, len(self.x_rest), (self.poses_per_step, self.points_per_pose), self.W.device)
+        x_rest, W = self.x_rest[point], self.W[point]
+        d = x_rest.shape[-1]
+        blend = (W @ B[:, :, :d].reshape(len(B), B.shape[1], -1)).unflatten(-1, (d, d + 1))
+        x = (blend[..., :d] @ x_rest[..., None])[..., 0] + blend[..., d]
+        logits = self.field.network(x, B)
+        loss = self.factor * cross_entropy(logits, W)
+        if self.position_loss:
+            image = inverse_map(x, torch.softmax(logits, dim=-1), B, root=self.field.root)
+            # A collapsed blend sends its image far away; beyond the size of the body further is no worse.
+            loss = loss + self.position_loss * (image - x_rest).abs().sum(dim=-1).clamp_max(1.0).mean()
+        return loss
+
+    def draw_poses(self, rng: np.random.Generator) -> Tensor:
+        """Poses of a batch, (poses_per_step, b, d+1, d+1)."""
+        b, d = self.W.shape[1], self.x_rest.shape[1]
+        if self.poses is None:
+            return torch.eye(d + 1).to(self.W).expand(self.poses_per_step, b, d + 1, d + 1)
+        if self.random_poses is None:
+            return self.poses[indices(rng, len(self.poses), (self.poses_per_step,), self.W.device)]
+        drawn = self.random_poses.draw(self.poses_per_step // 2, rng)
+        frames = indices(rng, len(self.poses), (self.poses_per_step - len(drawn),), self.W.device)
+        return torch.cat([torch.as_tensor(drawn).to(self.W), self.poses[frames]])
+
+
+class ForwardWeightTerm:
+    """Cross-entropy between a forward network's weights and known ones at rest points.
+
+    Parameters
+    ----------
+    network : ForwardNetwork
+        What is trained.
+    rest : RestSamples
+        Rest points with known weights.
+    points : int
+        Size of a step's batch.
+    """
+
+    def __init__(self, network: ForwardNetwork, rest: RestSamples, *, points: int) -> None:
+        like = next(network.parameters())
+        self.network, self.points = network, points
+        self.x_rest = torch.as_tensor(rest.x_rest).to(like)
+        self.W = torch.as_tensor(rest.W).to(like)
+
+    def __call__(self, rng: np.random.Generator) -> Tensor:
+        """Loss on a batch that the generator draws."""
+        point = indices(rng, len(self.x_rest), (self.points,), self.W.device)
+        return cross_entropy(self.network.logits(self.x_rest[point]), self.W[point])
+
+
+def cross_entropy(logits: Tensor, W: Tensor) -> Tensor:
+    """Mean cross-entropy of weights (..., b) and what logits (..., b or b+1) make of them."""
+    return -(W * torch.log_softmax(logits, dim=-1)[..., : W.shape[-1]]).sum(dim=-1).mean()
+
+
+def indices(rng: np.random.Generator, n: int, shape: tuple[int, ...], device: torch.device) -> Tensor:
+    """Indices below n, drawn by the generator."""
+    return torch.as_tensor(rng.integers(0, n, shape), device=device)

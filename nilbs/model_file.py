@@ -1,0 +1,140 @@
+"""Models as files: one self-contained archive each, without pickle."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from nilbs.character import Character
+from nilbs.fields.field import Field
+from nilbs.fields.search import SearchField
+from nilbs.geometry.kinematics import bone_order
+from nilbs.geometry.validation import arrays
+from nilbs.methods import build_field
+from nilbs.model import Model, torch_device
+from nilbs.motion import Motion
+from nilbs.rest_state import CACHE, FORWARD, RestState, check_rest_state
+from nilbs.settings import UNTRAINED, Settings
+
+KIND = "nilbs model 3"
+
+
+def save_model(model: Model, path: str | Path) -> None:
+    """Write a model to a file.
+
+    Parameters
+    ----------
+    model : Model
+    path : path
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; what was there before is kept.
+    """
+    from nilbs.io.archive import write_archive
+
+    c, field = model.character, model.field
+    contents = {f"field.{name}": tensor.cpu().numpy() for name, tensor in field.state_dict().items()}
+    for name in ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume"):
+        contents[f"character.{name}"] = getattr(c, name)
+    contents |= {f"motion.{name}": getattr(model.motion, name) for name in ("B", "frames", "times")}
+    contents["history"] = model.history
+    text: dict[str, Any] = {
+        "name": c.name,
+        "bones": list(c.names),
+        "motion": model.motion.source,
+        "settings": asdict(model.settings),
+    }
+    if isinstance(field, SearchField):
+        text["spacing"] = {CACHE: field.inverse.cache.spacing, FORWARD: field.forward_field.spacing}
+    write_archive(path, contents, text, kind=KIND)
+
+
+def load_model(path: str | Path, *, device: str = "cpu") -> Model:
+    """Read a model file.
+
+    Parameters
+    ----------
+    path : path
+        What `Model.save` wrote.
+    device : str
+        Where the field goes; "auto" takes a GPU if there is one.
+
+    Returns
+    -------
+    model : Model
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not a model of this version, or was damaged.
+    OSError
+        If it cannot be opened.
+    """
+    from nilbs.io.archive import read_archive
+    from nilbs.io.errors import FileFormatError
+
+    contents, text = read_archive(path, kind=KIND)
+    try:
+        part = {name.removeprefix("character."): a for name, a in contents.items() if name.startswith("character.")}
+        character = Character(name=str(text["name"]), names=tuple(map(str, text["bones"])), **part)
+        check_character(character)
+        moved = [contents[f"motion.{name}"] for name in ("B", "frames", "times")]
+        motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton)
+        settings = Settings.from_mapping(text["settings"])
+        state = {name.removeprefix("field."): a for name, a in contents.items() if name.startswith("field.")}
+        field = _field(character, settings, state, text)
+        arrays(history=(contents["history"], "s"))
+        model = Model(character, motion, settings, contents["history"], field)
+    except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as error:
+        reason = " ".join(str(error).split())  # torch explains itself over several lines
+        raise FileFormatError(path, f"is not a complete nilbs model: {reason}") from None
+    return model.to(device=torch_device(device))
+
+
+def check_character(character: Character) -> None:
+    """Check that a character's arrays fit each other.
+
+    Raises
+    ------
+    ValueError
+        Naming the array that does not.
+    """
+    c = character
+    arrays(
+        V=(c.V, "n d"), F=(c.F, "m d", int), C=(c.C, "k d"), BE=(c.BE, "b 2", int), P=(c.P, "b", int), W=(c.W, "n b"),
+        V_volume=(c.V_volume, "v d"), T=(c.T, "t d+1", int), W_volume=(c.W_volume, "v b"),
+    )  # fmt: skip
+    for name, indices, size in (("F", c.F, len(c.V)), ("BE", c.BE, len(c.C)), ("T", c.T, len(c.V_volume))):
+        if len(indices) and not (indices.min() >= 0 and indices.max() < size):
+            raise ValueError(f"{name} has an index outside 0 to {size - 1}")
+    if any(indices.dtype.kind != "i" for indices in (c.F, c.BE, c.P, c.T)):
+        raise ValueError("F, BE, P and T must be stored as integers")
+    if not c.L > 0:
+        raise ValueError("all vertices lie in one place")
+    if not len(c.BE) or len(c.names) != len(c.BE) or len(c.P) != len(c.BE):
+        raise ValueError("names or parents of bones do not fit the bones")
+    bone_order(c.P)
+
+
+def _field(character: Character, settings: Settings, state: Mapping[str, np.ndarray], text: Mapping[str, Any]) -> Field:
+    """The field that a state describes."""
+    if settings.method not in UNTRAINED:
+        # Before anything is made as large as the settings say: the file must hold it.
+        if settings.width > max((max(a.shape, default=0) for a in state.values()), default=0):
+            raise ValueError(f"no layer is as wide as the settings say, {settings.width}")
+        if settings.depth > len(state):
+            raise ValueError(f"there are fewer layers than the settings say, {settings.depth}")
+    rest = None
+    if settings.method == "nilbs":
+        check_rest_state(state, character)
+        rest = RestState(state, {name: float(text["spacing"][name]) for name in (CACHE, FORWARD)})
+    field = build_field(character, settings, rest)
+    precision = next((a.dtype for a in state.values() if a.dtype.kind == "f"), np.dtype(np.float32))
+    field = field.to(torch.float64 if precision == np.float64 else torch.float32)
+    field.load_state_dict({name: torch.from_numpy(a) for name, a in state.items()})
+    return field

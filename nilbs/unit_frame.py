@@ -1,0 +1,63 @@
+"""The frame that fields work in: relative to the root bone, centred, in units of the character's size."""
+
+import numpy as np
+import torch
+
+from nilbs.character import Character
+from nilbs.geometry.rotations import rigid_transforms
+
+
+def rest_center(character: Character) -> np.ndarray:
+    """Centre (d,) of the rest mesh's bounding box."""
+    return (character.V.min(axis=0) + character.V.max(axis=0)) / 2
+
+
+def root_bone(character: Character) -> int:
+    """The first bone without a parent."""
+    return int(np.flatnonzero(character.P < 0)[0])
+
+
+def at_rest(character: Character, points: np.ndarray) -> np.ndarray:
+    """Rest points (..., d) in the unit frame."""
+    return (points - rest_center(character)) / character.L
+
+
+def in_unit_frame(character: Character, x: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points and poses as the field sees them: relative to the root bone, centred, in units of L.
+
+    The field thereby gives one and the same answer for a character and its rigidly moved, scaled or far-away copy;
+    what single precision would lose far from the origin is taken off in double precision first.
+
+    Parameters
+    ----------
+    character : Character
+    x : (..., n, d) float array
+        Posed points.
+    B : (..., b, d+1, d+1) float array
+        Poses, rest to posed.
+
+    Returns
+    -------
+    x_unit : (..., n, d) float array
+    B_unit : (..., b, d+1, d+1) float array
+
+    Raises
+    ------
+    ValueError
+        If the root's transform is singular.
+    """
+    x_unit, B_unit = unit_frame(character, *(torch.tensor(np.asarray(a), dtype=torch.float64) for a in (x, B)))
+    return x_unit.numpy(), B_unit.numpy()
+
+
+def unit_frame(character: Character, x: torch.Tensor, B: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """What `in_unit_frame` does, on tensors and differentiable."""
+    d, L, center = character.d, character.L, rest_center(character)
+    root = B[..., root_bone(character), :, :]
+    if bool((torch.linalg.det(root[..., :d, :d]).abs() < 1e-12).any()):
+        raise ValueError(f"bone {root_bone(character)}, the root, has a singular transform")
+    to_unit = torch.as_tensor(rigid_transforms(np.eye(d) / L, -center / L)).to(B)
+    from_unit = torch.as_tensor(rigid_transforms(np.eye(d) * L, center)).to(B)
+    to_root = to_unit @ torch.linalg.inv(root)
+    x_unit = x @ to_root[..., :d, :d].mT + to_root[..., None, :d, d]
+    return x_unit, to_root[..., None, :, :] @ B @ from_unit

@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+import torch
+
+from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
+from nilbs.fields.kinematics import forward_kinematics, local_angles
+from nilbs.geometry.rotations import transform_points
+
+C = np.array([[0, 0, 0], [0.5, 0, 0], [1, 0.2, 0.1], [1.2, 0.5, 0.3]])
+BE, P = np.array([[0, 1], [1, 2], [2, 3]]), np.array([-1, 0, 1])
+
+
+def poses(d: int, theta: np.ndarray) -> torch.Tensor:
+    return torch.stack([forward_kinematics(torch.as_tensor(C[:, :d]), BE, P, torch.as_tensor(t)) for t in theta])
+
+
+def angles(d: int, size: float, rng: np.random.Generator) -> np.ndarray:
+    theta = rng.normal(size=(4, 3, 3 if d == 3 else 1))
+    return size * theta / np.linalg.norm(theta, axis=-1, keepdims=True)
+
+
+def encoded(encoding: torch.nn.Module, x: np.ndarray, B: torch.Tensor) -> np.ndarray:
+    linear, offset = encoding(B)
+    assert linear.shape == (len(B), encoding.size, x.shape[-1])
+    return (linear @ torch.as_tensor(x)[..., None])[..., 0].numpy() + offset.numpy()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_point_that_moves_with_a_bone_keeps_its_local_coordinates(d: int, rng: np.random.Generator) -> None:
+    encoding, B = LocalEncoding(torch.as_tensor(C[BE[:, 0], :d])), poses(d, angles(d, 0.9, rng))
+    x_rest = rng.normal(size=d)
+    for bone in range(3):
+        x = np.stack([transform_points(pose[bone].numpy(), x_rest[None])[0] for pose in B])
+        local = encoded(encoding, x, B).reshape(4, 3, d)[:, bone]
+        np.testing.assert_allclose(local, np.broadcast_to(x_rest - C[bone, :d], (4, d)), atol=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("size", [0.0, 1e-7, 1.0, 3.1])
+def test_pose_parameters_come_back_from_the_pose(d: int, size: float, rng: np.random.Generator) -> None:
+    theta = angles(d, size, rng)
+    B = poses(d, theta)
+    np.testing.assert_allclose(local_angles(B, torch.as_tensor(P)).numpy(), theta, atol=1e-9)
+    x = rng.normal(size=(4, d))
+    expected = np.concatenate([x, theta.reshape(4, -1)], axis=1)
+    np.testing.assert_allclose(encoded(ParameterEncoding(torch.as_tensor(P), d), x, B), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("size", [0.0, 1.0])
+def test_pose_parameters_have_derivatives(d: int, size: float, rng: np.random.Generator) -> None:
+    B = poses(d, angles(d, size, rng)).requires_grad_()
+    assert torch.autograd.gradcheck(lambda B: local_angles(B, torch.as_tensor(P)), B, atol=1e-4)
