@@ -26,6 +26,7 @@ UNTRAINED = ("nearest", "rigid-parts", "mesh-lbs")
 # Where a field of the method "nilbs" takes rest images from.
 MAPPINGS = {
     "search": "a root search on the forward weights, from the network's answer and from every part that lies there",
+    "parts": "the root search from every part that lies there, without the network",
     "one-search": "the root search from the network's answer alone",
     "all-bones": "the root search from every bone's rigid inverse, as SNARF begins, without the network",
     "fixed-point": "eq. 5 iterated from the network's answer: x_rest <- [W(x_rest) B]^-1 x",
@@ -50,7 +51,7 @@ class Settings:
     method : str
         One of `METHODS`; all but "nilbs" are rivals.
     steps : int
-        Training steps; 0 takes 2000 and 250 more for each bone, at most 10000.
+        Training steps; 0 takes 1000 and 100 more for each bone, at most 4000.
     learning_rate : float
         Largest rate of the one-cycle schedule; 0 takes what `METHODS` says.
     width, depth : int
@@ -147,7 +148,7 @@ class Settings:
         return replace(
             self,
             # More bones are more to tell apart, and take longer.
-            steps=0 if self.method in UNTRAINED else self.steps or min(2000 + 250 * bones, 10_000),
+            steps=0 if self.method in UNTRAINED else self.steps or min(1000 + 100 * bones, 4000),
             cache_resolution=self.cache_resolution or {2: 512, 3: 256}[d],
             weight_resolution=self.weight_resolution or {2: 256, 3: 128}[d],
             **sizes,

@@ -130,7 +130,7 @@ def test_a_training_is_as_long_as_its_rig_asks_for(characters, monkeypatch) -> N
     monkeypatch.setattr("nilbs.fitting.train", lambda *args, steps, **options: np.zeros(steps))
     for d, bones in ((2, 13), (3, 3)):
         model = fit(characters[d], random_motion(characters[d], frames=2), TINY, steps=0)
-        assert model.settings.steps == len(model.history) == 2000 + 250 * bones
+        assert model.settings.steps == len(model.history) == 1000 + 100 * bones
 
 
 @pytest.mark.parametrize(("stop", "step"), [(REFRESH, REFRESH), (14, 10)])

@@ -388,9 +388,8 @@ def test_motions_of_a_person_on_another_rig(data: Path, name: str, scale: float)
         assert np.abs(heights - target.C[:, 1].min()).max() < 0.7
 
 
-def test_model_files_hold_times_and_older_ones_do_without(models, tmp_path: Path) -> None:
-    from nilbs.io.archive import read_archive, write_archive
-    from nilbs.model_file import KIND, load_model
+def test_model_files_hold_times(models, tmp_path: Path) -> None:
+    from nilbs.model_file import load_model
 
     motion = replace(models[2].motion, times=np.array([0, 1, 1.5, 4, 5, 6]))
     replace(models[2], motion=motion).save(tmp_path / "m.nilbs")
@@ -398,7 +397,3 @@ def test_model_files_hold_times_and_older_ones_do_without(models, tmp_path: Path
     np.testing.assert_array_equal(again.times, motion.times)
     np.testing.assert_allclose(again.at(seconds=1.5), motion[2])
     assert again.skeleton.names == models[2].character.names
-    contents, text = read_archive(tmp_path / "m.nilbs", kind=KIND)
-    del contents["motion.times"]
-    write_archive(tmp_path / "old.nilbs", contents, text, kind=KIND)
-    np.testing.assert_allclose(load_model(tmp_path / "old.nilbs").motion.times, np.arange(6) / 24)

@@ -89,7 +89,7 @@ class PosedSearch:
     def __init__(self, field: SearchField, B: Tensor, mapping: str = "search") -> None:
         self.field, self.B, self.mapping = field, B, mapping
         self.blends = field.skinning.blends(B)
-        if mapping == "search":
+        if mapping in ("search", "parts"):
             with torch.no_grad():
                 grid, body = field.forward_field, field.body
                 blends = self.blends if field.forward_network is None else grid.blends(B)
@@ -107,7 +107,7 @@ class PosedSearch:
             root, distance, residual = self._search(x, first.detach())
             for start in self._starts(x):
                 worth = ~start.isnan().any(dim=-1)
-                if self.mapping == "search":
+                if self.mapping in ("search", "parts"):
                     worth &= (distance >= 0) & (torch.isinf(distance) | ((start - root).norm(dim=-1) > SAME))
                 going = torch.nonzero(worth)[:, 0]
                 found = self._search(x[going], start[going])
@@ -128,12 +128,14 @@ class PosedSearch:
         """Where the first search begins."""
         if self.mapping == "all-bones":
             return self._rigid(x, 0)
+        if self.mapping == "parts":
+            return x  # where the root bone takes it from; what lies there is tried next
         image: Tensor = self.field.inverse(x[None], self.B[None]).x_rest[0]
         return image
 
     def _starts(self, x: Tensor) -> tuple[Tensor, ...]:
         """Where further searches begin, each (n, d); nan where none is worth it."""
-        if self.mapping == "search":
+        if self.mapping in ("search", "parts"):
             return self.overlap(x).unbind(1)
         if self.mapping == "all-bones":
             return tuple(self._rigid(x, bone) for bone in range(1, len(self.B)))
