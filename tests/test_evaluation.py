@@ -145,7 +145,8 @@ def test_the_json_is_that_of_the_protocol(characters) -> None:
     assert (values["points"], values["resolution"], values["seed"]) == (50, 8, 3)
     assert values["training"] == model.config
     assert set(values) == {
-        "schema", "L", "noise", "points", "resolution", "seed", "training", "controls", "query_seconds", "poses", "rows",
+        "schema", "L", "noise", "points", "resolution", "seed", "training", "controls", "query_seconds", "poses",
+        "rows",
     }  # fmt: skip
     assert values["controls"] == {
         kind: {"iou_bbox": score, "iou_surface": score}

@@ -20,6 +20,7 @@ COMMANDS = {
     "query": "occupancy or signed distance of points in a pose",
     "extract": "the posed surface, as a mesh",
     "evaluate": "score a model against ordinary skinning",
+    "study": "train and score every method on several characters, with tables and a report",
 }
 # What pip calls a module.
 _PACKAGES = {"igl": "libigl", "skimage": "scikit-image"}

@@ -1,0 +1,140 @@
+"""`nilbs study`: train and score every method on the same characters, and report."""
+
+import argparse
+
+from nilbs.app.options import add_json, whole
+
+# As in nilbs.study.plan, which is not imported for --help.
+PARTS = (
+    "controls", "methods", "surfaces", "distance", "noise", "amplitude", "ablation", "frames", "time", "twist",
+    "failures",
+)  # fmt: skip
+MINUTES, SEEDS = 5.0, 3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        required=True,
+        help="folder of everything that is written; the same command goes on where it was stopped",
+    )
+    parser.add_argument(
+        "--data",
+        metavar="FOLDER",
+        help="folder of the real meshes (default: the environment variable NILBS_DATA); without one, only the "
+        "gingerbread men are studied",
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="everything once, on the gingerbread men, in a minute; numbers mean nothing",
+    )
+    parser.add_argument(
+        "--minutes",
+        type=_minutes,
+        metavar="M",
+        help="training time of the elephant and of MakeHuman's body, two fifths of it in sweeps, a fifth elsewhere "
+        f"(default {MINUTES:g})",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=whole(1),
+        metavar="N",
+        help=f"seeds on the gingerbread men and the elephant; one elsewhere (default {SEEDS})",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=whole(1),
+        metavar="N",
+        help="how many trainings and scorings run at once, sharing the cores (default: one a core, each on one thread; "
+        "one with --quick)",
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=PARTS,
+        default=PARTS,
+        metavar="PART",
+        help=f"run only these parts, of {', '.join(PARTS)}; the tables show all that is known",
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Plan, run what is not done, and write the tables, also when stopped."""
+    import os
+    from contextlib import ExitStack
+    from pathlib import Path
+
+    from nilbs.app.output import show
+    from nilbs.app.poses import tell
+    from nilbs.io import check_writable
+    from nilbs.study.characters import available
+    from nilbs.study.outputs import FILES, command_line, cores, write_outputs
+    from nilbs.study.plan import full_scale, plan, quick_scale
+    from nilbs.study.runner import Worker, estimate
+    from nilbs.study.runner import run as run_jobs
+    from nilbs.study.store import Store
+
+    for option, value in (("--minutes", args.minutes), ("--seeds", args.seeds)):
+        if args.quick and value is not None:
+            raise ValueError(f"{option} cannot stand beside --quick, which does everything once")
+    given = args.data or os.environ.get("NILBS_DATA")
+    data = Path(given) if given and not args.quick else None
+    if args.data and not Path(args.data).is_dir():
+        raise ValueError(f"{args.data}: there is no such folder")
+    characters, left_out = available(data)
+    if args.quick:
+        scale, left_out = quick_scale(), []
+    else:
+        scale = full_scale(list(characters), minutes=args.minutes or MINUTES, seeds=args.seeds or SEEDS)
+    study = plan(scale, left_out)
+    store = Store(Path(args.out).resolve())
+    store.folder.mkdir(parents=True, exist_ok=True)
+    for name in FILES:
+        check_writable(store.folder / name)
+
+    def write() -> dict:
+        return write_outputs(
+            study, store, scale, command=command_line(), quick=args.quick, lanes=lanes, threads=threads
+        )
+
+    for line in study.missing:
+        tell(line)
+    lanes = args.jobs or (1 if args.quick else cores())
+    # Small networks on several threads only wait for each other.
+    threads = 1 if args.quick else int(os.environ.get("OMP_NUM_THREADS") or 0) or max(1, cores() // lanes)
+    jobs = study.of_parts(args.only)
+    todo = [job for job in jobs if not store.done(job, study)]
+    tell(f"{len(todo)} of {len(jobs)} jobs are to be done" + (f", about {estimate(todo, lanes)}" if todo else ""))
+    try:
+        with ExitStack() as stack:
+            # A small job's process would take longer to start than the job.
+            workers = [
+                stack.enter_context(Worker(store, data, fresh=not args.quick, threads=threads)) for _ in range(lanes)
+            ]
+            failed = run_jobs(study, store, workers, jobs=jobs, report=tell)
+    except KeyboardInterrupt as interrupt:
+        write()
+        interrupt.add_note(f"the same command goes on from here; {args.out} holds tables of what is done")
+        raise
+    values = write()
+    files = [str(store.folder / name) for name in FILES]
+    shown = {name: value for name, value in values.items() if name != "rows"} | {"files": files}
+    table = "\n".join([(store.folder / "study.md").read_text(encoding="utf-8"), "written:", *(f"  {f}" for f in files)])
+    show(shown if args.json else {}, as_json=args.json, table=table)
+    if failed:
+        for key, why in failed.items():
+            tell(f"{key} failed: {why}")
+        raise ValueError(f"{len(failed)} of {len(jobs)} jobs failed; the same command tries them again")
+
+
+def _minutes(word: str) -> float:
+    from nilbs.app.options import not_negative
+
+    value = not_negative(word)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a positive number")
+    return value

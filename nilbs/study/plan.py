@@ -1,0 +1,499 @@
+"""Which trainings and scorings the study consists of: one function for each of its parts."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from nilbs.settings import FRAMES, MAPPINGS, NOISE, POINTS, RESOLUTION
+from nilbs.study.characters import SOURCES
+from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Builder, Entry, Job, Plan
+
+POSE_SETS = ("seen", "interpolated", "unseen", "far")
+SWEEP_SETS = ("unseen", "far")
+# What is trained: the settings that make a method of the name.
+TRAINED: Mapping[str, Mapping[str, Any]] = {
+    "nilbs": {},
+    "paper": {"supervision": "paper", "mapping": "inverse"},
+    "nasa": {"method": "nasa"},
+    "nasa-rigid": {"method": "nasa-rigid"},
+    "snarf": {"method": "snarf"},
+    "mlp": {"method": "mlp"},
+}
+# Other ways of the trained default field to its rest images, and rows that learn nothing.
+OTHER_MAPPINGS = tuple(name for name in MAPPINGS if name != "search")
+UNLEARNED = ("nearest", "rigid-parts", "floor", "mesh-lbs")
+# Rows of the default model's first seed whose surfaces are scored too.
+SURFACE_ROWS = ("floor", "inverse", "nearest")
+ABLATIONS: Mapping[str, Mapping[str, Any]] = {
+    "default": {},
+    "no ghost bone": {"ghost": False},
+    "pose parameters instead of local coordinates": {"encoding": "parameters"},
+    "forward weights in a network": {"forward": "network"},
+    "no occupancy loss": {"occupancy_loss": 0.0},
+    "no weight loss": {"weight_loss": 0.0},
+    "no position loss": {"position_loss": 0.0},
+    "no random poses": {"random_pose_std": 0.0},
+    "no adaptive sampling": {"adaptive": False},
+    "the paper's supervision": {"supervision": "paper"},
+    "rest weights on 64 cells": {"weight_resolution": 64},
+    "rest weights on 96 cells": {"weight_resolution": 96},
+    "rest distance on 128 cells": {"cache_resolution": 128},
+}
+# What asks every bone for every point takes too long on a rig with so many, and for surfaces.
+MANY_BONES = ("makehuman",)
+ASKS_ALL_BONES = ("snarf", "all-bones")
+ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")  # the same, without a search from each
+SURFACE_SETS = ("seen", "unseen")
+
+
+# Seconds a pose on one thread, measured on the elephant: the truth and both point sets; the points of a row; its
+# surface at 128 cells; distances. The first two grow with the bones where all of them are asked.
+_TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.0, 2.0, 5.0
+_POINTS_SECONDS = {
+    "nilbs": 0.9,
+    "nasa": 3.3,
+    "nasa-rigid": 2.5,
+    "snarf": 22.0,
+    "mlp": 1.4,
+    "mesh-lbs": 1.2,
+    "floor": 0.0,
+    "nearest": 1.6,
+    "rigid-parts": 6.0,
+    "all-bones": 11.0,
+    "inverse": 0.2,
+    "reverse": 0.2,
+    "one-search": 0.6,
+    "fixed-point": 0.6,
+}
+_SURFACE_SECONDS = {"snarf": 46.0, "nasa": 8.0, "nasa-rigid": 6.0}
+# Where surfaces of slow methods are worth it.
+_ALL_SURFACES = ("elephant", "gingerbread-2d")
+_BONES = {"gingerbread-2d": 13, "gingerbread-3d": 13, "arm": 4, "elephant": 24, "makehuman": 163}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How much is done.
+
+    Attributes
+    ----------
+    characters : mapping of str to int
+        Characters of the part `methods`, with their numbers of seeds.
+    sweep : str, optional
+        The character of all other parts; None where it is missing.
+    minutes : mapping of str to float
+        Training time by character in the part `methods`; empty where `settings` tell the steps.
+    sweep_minutes : float, optional
+        Training time in sweeps; None where `settings` tell the steps.
+    settings : mapping
+        Settings of every training.
+    points, resolution : int
+        Of scores.
+    poses, sweep_poses : tuple of str
+        Pose sets of the part `methods`, and of sweeps.
+    training_frames : int
+        Frames of every training but those of the part `frames`.
+    frames, amplitudes, times, noises : tuple
+        Numbers of training poses, standard deviations in rad, training minutes, factors of the surface noise.
+    ablations : tuple of str
+        Of `ABLATIONS`.
+    twist : mapping
+        Arguments of `nilbs.study.twist.twist_table` and of `nilbs.study.failures.failure_figures`.
+    """
+
+    characters: Mapping[str, int]
+    sweep: str | None
+    minutes: Mapping[str, float]
+    sweep_minutes: float | None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    points: int = POINTS
+    resolution: int = RESOLUTION
+    poses: tuple[str, ...] = POSE_SETS
+    sweep_poses: tuple[str, ...] = SWEEP_SETS
+    training_frames: int = FRAMES
+    frames: tuple[int, ...] = (1, 3, 10, 30, 100)
+    amplitudes: tuple[float, ...] = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+    times: tuple[float, ...] = (0.25, 0.5, 1, 2, 5, 10)
+    noises: tuple[int, ...] = (1, 2, 3, 4)
+    ablations: tuple[str, ...] = tuple(ABLATIONS)
+    twist: Mapping[str, Any] = field(default_factory=dict)
+
+
+def full_scale(names: Sequence[str], *, minutes: float, seeds: int) -> Scale:
+    """The study as it is meant.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Characters that are there.
+    minutes : float
+        Training time of the elephant and of MakeHuman's body; two fifths of it in sweeps, a fifth of it elsewhere.
+    seeds : int
+        Of the gingerbread men and the elephant; one for the others and in sweeps.
+    """
+    several = ("gingerbread-2d", "gingerbread-3d", "elephant")
+    return Scale(
+        characters={name: seeds if name in several else 1 for name in names},
+        sweep="elephant" if "elephant" in names else None,
+        minutes={name: minutes * (1.0 if name in ("elephant", "makehuman") else 0.2) for name in names},
+        sweep_minutes=0.4 * minutes,
+        twist={"minutes": 0.4 * minutes, "resolution": RESOLUTION},
+    )
+
+
+def quick_scale() -> Scale:
+    """Everything once, so small that it takes seconds; its numbers mean nothing."""
+    return Scale(
+        characters={"gingerbread-2d": 1, "gingerbread-3d": 1},
+        sweep="gingerbread-2d",
+        minutes={},
+        sweep_minutes=None,
+        settings={
+            "steps": 5,
+            "width": 16,
+            "depth": 3,
+            "poses_per_step": 4,
+            "points_per_pose": 64,
+            "samples_per_frame": 400,
+            "cache_resolution": 32,
+            "weight_resolution": 32,
+        },
+        points=100,
+        resolution=8,
+        poses=("seen", "unseen"),
+        sweep_poses=("unseen",),
+        training_frames=2,
+        frames=(1, 2),
+        amplitudes=(0.4,),
+        times=(0.002,),
+        noises=(1, 3),
+        ablations=("default", "no ghost bone"),
+        twist={"resolution": 16, "degrees": (0, 150)},
+    )
+
+
+def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
+    """All jobs of the study, in the order of `PARTS`.
+
+    Parameters
+    ----------
+    scale : Scale
+    missing : sequence of str
+        What is known to be left out.
+
+    Returns
+    -------
+    plan : Plan
+
+    Examples
+    --------
+    >>> study = plan(full_scale(["gingerbread-2d"], minutes=5, seeds=3))
+    >>> study.jobs[0].key, study.missing[0]
+    ('gingerbread-2d/nilbs/seed0', 'the sweeps are left out: they are of the elephant')
+    """
+    builder = Builder()
+    builder.missing += missing
+    if scale.sweep is None:
+        builder.missing.append("the sweeps are left out: they are of the elephant")
+    for part, add in PARTS.items():
+        if scale.sweep is not None or part not in SWEEPS:
+            add(scale, builder)
+    return builder.plan()
+
+
+def methods(scale: Scale, builder: Builder) -> None:
+    """Accuracy by pose set of every method on every character."""
+    for character, seeds in scale.characters.items():
+        for seed in range(seeds):
+            for name in TRAINED:
+                _method(scale, builder, character, name, seed)
+        training = _training(scale, builder, character, "mesh-lbs", settings={"method": "mesh-lbs"}, minutes=None)
+        entry = Entry("methods", character, "mesh-lbs", 0, "")
+        _score(scale, builder, training, f"{character}/mesh-lbs/seed0/scores", entry)
+
+
+def _method(scale: Scale, builder: Builder, character: str, name: str, seed: int) -> None:
+    training = _training_of(scale, builder, character, name, seed)
+    entry = Entry("methods", character, name, seed, "")
+    _score_method(scale, builder, training, entry)
+    if name != "nilbs" or seed > 0:
+        return
+    others = ("rigid-parts", *(row for row in OTHER_MAPPINGS if row not in SURFACE_ROWS))
+    others = tuple(row for row in others if row not in ASKS_BONES or character not in MANY_BONES)
+    _score(scale, builder, training, f"{training.key}/other-rows", entry, rows=others, own=False)
+    spec = {"training": training.key, "of": training.spec, "resolution": scale.resolution}
+    picture = builder.job(Job(f"{training.key}/picture", PICTURE, spec, training.key, seconds=60))
+    builder.entry(replace(entry, job=picture.key, row=PICTURE))
+
+
+def _score_method(
+    scale: Scale, builder: Builder, training: Job, entry: Entry, *, only: Sequence[str] | None = None
+) -> None:
+    """Scores of a method's own; with rows beside, for the first seed. `only` are the rows to enter."""
+    rows: tuple[str, ...] = ()
+    if entry.method == "nilbs":
+        rows = SURFACE_ROWS if entry.seed == 0 else ("inverse",)
+    poses = _affordable(scale.poses, entry)
+    _score(scale, builder, training, f"{training.key}/scores", entry, poses=poses, rows=rows, only=only)
+
+
+def _affordable(poses: Sequence[str], entry: Entry) -> tuple[str, ...]:
+    """Pose sets of a method: fewer where every bone is asked for every point."""
+    if entry.method in ASKS_BONES and entry.character in MANY_BONES:
+        return tuple(name for name in poses if name in SURFACE_SETS)
+    return tuple(name for name in poses if entry.method not in ASKS_ALL_BONES or name != "interpolated")
+
+
+def surfaces(scale: Scale, builder: Builder) -> None:
+    """Extracted surfaces of the first seed's models."""
+    poses = tuple(name for name in scale.poses if name in SURFACE_SETS)
+    for character in scale.characters:
+        for name in TRAINED:
+            if name in (ASKS_BONES if character in MANY_BONES else ASKS_ALL_BONES) and character not in _ALL_SURFACES:
+                continue  # takes as long as everything else together
+            training = _training_of(scale, builder, character, name, 0)
+            entry = Entry("surfaces", character, name, 0, "")
+            key, rows = f"surfaces/{character}-{name}", SURFACE_ROWS if name == "nilbs" else ()
+            _score(scale, builder, training, key, entry, poses=poses, resolution=scale.resolution, rows=rows)
+
+
+def distance(scale: Scale, builder: Builder) -> None:
+    """How far distances read at rest images are from those of the posed mesh."""
+    for character in scale.characters:
+        training = _training_of(scale, builder, character, "nilbs", 0)
+        entry = Entry("distance", character, "nilbs", 0, "")
+        key = f"distance/{character}"
+        _score(scale, builder, training, key, entry, poses=scale.sweep_poses, distances=True)
+
+
+def frames(scale: Scale, builder: Builder) -> None:
+    """Accuracy against the number of training poses."""
+    variants = {name: TRAINED[name] for name in ("nilbs", "nasa", "snarf")}
+    variants["nilbs, no random poses"] = {"random_pose_std": 0.0}
+    for name, settings in variants.items():
+        for count in scale.frames:
+            key = f"frames/{scale.sweep}-{_slug(name)}-{count}"
+            training = _sweep_training(scale, builder, key, settings, training_frames=count)
+            entry = Entry("frames", str(scale.sweep), name, 0, "", value=count)
+            _score(scale, builder, training, f"{key}/scores", entry, poses=scale.sweep_poses, rows=_inverse(settings))
+
+
+def amplitude(scale: Scale, builder: Builder) -> None:
+    """Accuracy against the amplitude of random poses, of the models of `methods`."""
+    poses = {value: f"random {value:g}" for value in scale.amplitudes}
+    for name in TRAINED:
+        training = _training_of(scale, builder, str(scale.sweep), name, 0)
+        rows = ("inverse", "nearest", "rigid-parts") if name == "nilbs" else ()
+        for value, pose_set in poses.items():
+            entry = Entry("amplitude", str(scale.sweep), name, 0, "", value=value, poses=(pose_set,))
+            key = f"amplitude/{scale.sweep}-{name}"
+            _score(scale, builder, training, key, entry, poses=tuple(poses.values()), rows=rows)
+
+
+def time(scale: Scale, builder: Builder) -> None:
+    """Accuracy against training time."""
+    for name in ("nilbs", "nasa", "snarf", "mlp"):
+        for minutes in scale.times:
+            key = f"time/{scale.sweep}-{name}-{minutes:g}min"
+            if minutes == scale.minutes.get(str(scale.sweep)):
+                training = _training_of(scale, builder, str(scale.sweep), name, 0)
+            else:
+                training = _sweep_training(scale, builder, key, TRAINED[name], minutes=minutes)
+            entry = Entry("time", str(scale.sweep), name, 0, "", value=minutes)
+            _score(
+                scale, builder, training, f"{key}/scores", entry, poses=scale.sweep_poses, rows=_inverse(TRAINED[name])
+            )
+
+
+def ablation(scale: Scale, builder: Builder) -> None:
+    """Settings switched one at a time, and other ways of the default model to its rest images."""
+    for name in scale.ablations:
+        settings = ABLATIONS[name]
+        key = f"ablation/{scale.sweep}-{_slug(name)}"
+        training = _sweep_training(scale, builder, key, settings)
+        entry = Entry("ablation", str(scale.sweep), name, 0, "")
+        _score(scale, builder, training, f"{key}/scores", entry, poses=scale.sweep_poses, rows=("inverse",))
+        if not settings:
+            others = tuple(row for row in OTHER_MAPPINGS if row != "inverse")
+            key = f"{key}/mappings"
+            _score(scale, builder, training, key, entry, poses=scale.sweep_poses, rows=others, own=False)
+
+
+def noise(scale: Scale, builder: Builder) -> None:
+    """Scores at other distances from the surface, of the models of `methods`."""
+    for name in TRAINED:
+        training = _training_of(scale, builder, str(scale.sweep), name, 0)
+        rows = ("inverse", "nearest") if name == "nilbs" else ()
+        for factor in scale.noises:
+            entry = Entry("noise", str(scale.sweep), name, 0, "", value=factor)
+            if factor == 1:  # scored before
+                _score_method(scale, builder, training, replace(entry, poses=scale.sweep_poses), only=("", *rows))
+            else:
+                key = f"noise/{scale.sweep}-{name}-x{factor}"
+                _score(scale, builder, training, key, entry, poses=scale.sweep_poses, rows=rows, noise=factor * NOISE)
+
+
+def twist(scale: Scale, builder: Builder) -> None:
+    """Volume of a twisted capsule."""
+    minutes = float(scale.twist.get("minutes", 0.1))
+    job = builder.job(Job("twist/capsule", TWIST, {"seed": 0, **scale.settings, **scale.twist}, seconds=120 * minutes))
+    builder.entry(Entry("twist", "capsule", "twist", 0, job.key))
+
+
+def failures(scale: Scale, builder: Builder) -> None:
+    """Pictures of what goes wrong."""
+    spec = {"seed": 0, **scale.settings, **scale.twist}
+    spec.pop("degrees", None)
+    minutes = float(spec.get("minutes", 0.1))
+    job = builder.job(Job("failures/pictures", FAILURES, spec, seconds=240 * minutes))
+    builder.entry(Entry("failures", "", "failures", 0, job.key))
+
+
+def controls(scale: Scale, builder: Builder) -> None:
+    """Predictions whose scores are known, which every scoring scores too."""
+    for character in scale.characters:
+        training = _training_of(scale, builder, character, "nilbs", 0)
+        _score_method(scale, builder, training, Entry("controls", character, "nilbs", 0, ""))
+
+
+PARTS: Mapping[str, Callable[[Scale, Builder], None]] = {
+    "controls": controls,
+    "methods": methods,
+    "surfaces": surfaces,
+    "distance": distance,
+    "noise": noise,
+    "amplitude": amplitude,
+    "ablation": ablation,
+    "frames": frames,
+    "time": time,
+    "twist": twist,
+    "failures": failures,
+}
+SWEEPS = ("frames", "amplitude", "time", "ablation", "noise")
+
+
+def _training_of(scale: Scale, builder: Builder, character: str, name: str, seed: int) -> Job:
+    """The training of a method in the part `methods`."""
+    minutes = scale.minutes.get(character)
+    return _training(scale, builder, character, name, settings=TRAINED[name], minutes=minutes, seed=seed)
+
+
+def _training(
+    scale: Scale,
+    builder: Builder,
+    character: str,
+    name: str,
+    *,
+    settings: Mapping[str, Any],
+    minutes: float | None,
+    seed: int = 0,
+) -> Job:
+    key = f"{character}/{_slug(name)}/seed{seed}"
+    return _train(scale, builder, key, character, settings, minutes, scale.training_frames, seed, keep=True)
+
+
+def _sweep_training(
+    scale: Scale,
+    builder: Builder,
+    key: str,
+    settings: Mapping[str, Any],
+    *,
+    minutes: float | None = None,
+    training_frames: int = 0,
+) -> Job:
+    """A training of which only the scores are kept."""
+    minutes = scale.sweep_minutes if minutes is None else minutes
+    count = training_frames or scale.training_frames
+    return _train(scale, builder, key, str(scale.sweep), settings, minutes, count, 0, keep=False)
+
+
+def _train(
+    scale: Scale,
+    builder: Builder,
+    key: str,
+    character: str,
+    settings: Mapping[str, Any],
+    minutes: float | None,
+    training_frames: int,
+    seed: int,
+    *,
+    keep: bool,
+) -> Job:
+    changes = {**scale.settings, **settings}
+    if minutes is not None:
+        changes.pop("steps", None)  # the time tells
+    spec = {
+        "character": character,
+        "frames": training_frames,
+        "minutes": None if minutes is None else float(minutes),
+        "seed": seed,
+        "settings": changes,
+    }
+    seconds = 60 * (minutes or 0.02) + 0.15 * training_frames + _START_SECONDS
+    return builder.job(Job(key, TRAIN, spec, keep=keep, seconds=seconds))
+
+
+def _score(
+    scale: Scale,
+    builder: Builder,
+    training: Job,
+    key: str,
+    entry: Entry,
+    *,
+    poses: Sequence[str] | None = None,
+    resolution: int = 0,
+    rows: Sequence[str] = (),
+    noise: float = NOISE,
+    distances: bool = False,
+    own: bool = True,
+    only: Sequence[str] | None = None,
+) -> None:
+    """Score a model, and enter its own row, where asked, and the others into the tables, or `only` some of them."""
+    spec = {
+        "training": training.key,
+        "of": training.spec,
+        "points": scale.points,
+        "resolution": resolution,
+        "seed": training.spec["seed"],
+        "poses": list(scale.poses if poses is None else poses),
+        "rows": list(rows),
+        "noise": noise,
+        "distances": distances,
+    }
+    method = training.spec["settings"].get("method", "nilbs")
+    job = Job(key, SCORE, spec, training.key, seconds=_scoring_seconds(training.spec["character"], method, spec))
+    job = builder.job(job)
+    entry = replace(entry, job=job.key)
+    shown = ("", *rows) if own else tuple(rows)
+    for row in shown if only is None else only:
+        builder.entry(replace(entry, row=row, method=_row_name(entry, row) if row else entry.method))
+
+
+def _row_name(entry: Entry, row: str) -> str:
+    """What a row beside a model is called: on the default model by its own name, elsewhere after the model."""
+    return row if entry.method in ("nilbs", "default") else f"{entry.method}: {row}"
+
+
+def _scoring_seconds(character: str, method: str, spec: Mapping[str, Any]) -> float:
+    share, poses = spec["points"] / POINTS, 10 * len(spec["poses"])
+    cells = (spec["resolution"] / RESOLUTION) ** 2 * (0.05 if SOURCES[character].dim == 2 else 1.0)
+    seconds = (_TRUTH_SECONDS + _DISTANCE_SECONDS * spec["distances"]) * share
+    for name in (method, *spec["rows"]):
+        bones = _BONES[character] / _BONES["elephant"] if name in ASKS_BONES else 1.0
+        seconds += bones * (_POINTS_SECONDS.get(name, 1.0) * share + _SURFACE_SECONDS.get(name, 3.0) * cells)
+    return _START_SECONDS + poses * seconds
+
+
+def _inverse(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    return () if "method" in settings else ("inverse",)
+
+
+def _slug(name: str) -> str:
+    """A name as part of a file's name.
+
+    Examples
+    --------
+    >>> _slug("nilbs, no random poses")
+    'nilbs-no-random-poses'
+    """
+    return "-".join(name.replace(",", " ").replace("'", "").split())

@@ -1,0 +1,108 @@
+"""The folder of a study: what was done, and whether it still counts."""
+
+import json
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nilbs.io.atomic import replacing
+from nilbs.io.errors import FileFormatError
+from nilbs.io.strict_json import read_json
+from nilbs.study.jobs import TRAIN, Job, Plan
+
+
+@dataclass(frozen=True)
+class Store:
+    """Files of a study.
+
+    Attributes
+    ----------
+    folder : path
+        models/, results/, failed/, characters/ and pictures/ are made in it as they are needed.
+    """
+
+    folder: Path
+
+    def model(self, key: str) -> Path:
+        """Where the model of a training is."""
+        return self.folder / "models" / f"{key}.nilbs"
+
+    def result(self, job: Job) -> dict[str, Any] | None:
+        """The result of a job, where there is one that was made from an equal spec."""
+        found = self._read(self._result(job), job)
+        return None if found is None else dict(found["result"])
+
+    def failure(self, job: Job) -> str | None:
+        """Why a job failed when it was last tried, in a line."""
+        found = self._read(self._failed(job), job)
+        return None if found is None else str(found["result"]["error"])
+
+    def done(self, job: Job, plan: Plan) -> bool:
+        """Whether a job need not be run.
+
+        A scoring is done for the very training that it scored; a training is done as long as its model exists or nobody
+        needs it any more.
+        """
+        result = self.result(job)
+        if result is None:
+            return False
+        if job.kind == TRAIN:
+            return self.model(job.key).is_file() or all(self.done(other, plan) for other in plan.needing(job.key))
+        if job.needs is not None:
+            training = self.result(plan.by_key[job.needs])
+            return training is not None and training["stamp"] == result.get("trained")
+        return True
+
+    def write(self, job: Job, result: Mapping[str, Any]) -> None:
+        """Keep a result; a failure of before goes."""
+        self._write(self._result(job), job, result)
+        with suppress(FileNotFoundError):
+            self._failed(job).unlink()
+
+    def fail(self, job: Job, error: str, details: str = "") -> None:
+        """Record that a job failed."""
+        self._write(self._failed(job), job, {"error": error, "details": details})
+
+    def _result(self, job: Job) -> Path:
+        return self.folder / "results" / f"{job.key}{'-train' if job.kind == TRAIN else ''}.json"
+
+    def _failed(self, job: Job) -> Path:
+        return self.folder / "failed" / f"{job.key}.json"
+
+    @staticmethod
+    def _read(path: Path, job: Job) -> dict[str, Any] | None:
+        try:
+            found = read_json(path)
+        except (FileFormatError, OSError):  # damaged: as good as none
+            return None
+        if not isinstance(found, dict) or found.get("kind") != job.kind or found.get("spec") != job.spec:
+            return None
+        return found if isinstance(found.get("result"), dict) else None
+
+    @staticmethod
+    def _write(path: Path, job: Job, result: Mapping[str, Any]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        contents = {"key": job.key, "kind": job.kind, "spec": job.spec, "result": finite(result)}
+        with replacing(path, "w") as file:
+            file.write(json.dumps(contents, indent=1, allow_nan=False) + "\n")
+
+
+def finite(value: Any) -> Any:
+    """The same value in types that JSON knows; a number that is not finite is None.
+
+    Examples
+    --------
+    >>> finite({"a": (1, float("inf"))})
+    {'a': [1, None]}
+    """
+    if isinstance(value, Mapping):
+        return {str(name): finite(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(inner) for inner in value]
+    if hasattr(value, "tolist"):  # of numpy
+        return finite(value.tolist())
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None
+    return value if value is None or isinstance(value, str | int) else str(value)

@@ -1,0 +1,206 @@
+"""Tables, curves and the report, of scores that are known."""
+
+import csv
+import json
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from nilbs.settings import MAPPINGS
+from nilbs.study import results
+from nilbs.study.outputs import FILES, write_outputs
+from nilbs.study.pages import Page, Picture, html, markdown
+from nilbs.study.plan import full_scale, plan, quick_scale
+from nilbs.study.results import Cell, Score, Table, series, summary
+from nilbs.study.runner import run
+
+TITLES = {"gingerbread-2d": "flat man", "elephant": "elephant"}
+
+
+@pytest.fixture
+def done(store, pretender):
+    """A full study of two characters, without the elephant's nasa and without sweeps over frames."""
+    study = plan(full_scale(["gingerbread-2d", "elephant"], minutes=5, seeds=3))
+    without = ("elephant/nasa/", "frames/")
+    left = [job for job in study.jobs if not any(key.startswith(without) for key in (job.key, job.needs or ""))]
+    run(study, store, [pretender()], jobs=left, report=lambda line: None)
+    return study
+
+
+def table(tables: list[Table], start: str) -> dict[str, dict[str, Cell]]:
+    found = next(t for t in tables if t.title.startswith(start))
+    return {name: dict(zip(found.columns[1:], cells, strict=True)) for name, cells in found.rows}
+
+
+def test_means_and_spreads_over_seeds(done, store) -> None:
+    rows = table(results.tables(done, store, TITLES), "elephant")
+    # 0.90, 0.89, 0.88.
+    assert rows["nilbs"]["seen: surface IoU"].text == "0.8900 ± 0.0100"
+    assert rows["inverse"]["seen: surface IoU"].text == "0.7900 ± 0.0100"
+    assert rows["nearest °"]["seen: surface IoU"].text == "0.8000"
+    assert rows["nilbs"]["seen: Chamfer, % of L"].text == "0.050"
+    assert rows["nilbs"]["training, s"].text == "120 ± 0"
+    assert rows["nilbs"]["s for 100,000 points"].text == "0.50 ± 0.00"
+
+
+def test_what_was_not_run_is_a_dash(done, store) -> None:
+    tables = results.tables(done, store, TITLES)
+    rows = table(tables, "elephant")
+    assert {cell.text for cell in rows["nasa"].values()} == {"-"}
+    assert rows["rigid-parts °"]["seen: Chamfer, % of L"].text == "-"
+    frames = table(tables, "Surface IoU against training poses: unseen")
+    assert [cell.text for cell in frames["nasa"].values()] == ["-"] * 5
+    surfaces = table(tables, "elephant: surfaces")
+    assert list(surfaces) == [
+        "nilbs",
+        "inverse",
+        "paper",
+        "nasa",
+        "nasa-rigid",
+        "snarf",
+        "mlp",
+        "nearest °",
+        "floor °°",
+    ]
+    assert {cell.text for cell in surfaces["nasa"].values()} == {"-"}
+    assert "elephant/nasa/seed0" in results.unfinished(done, store)
+
+
+def test_the_best_of_a_column_is_bold_and_the_truth_is_not_compared(done, store) -> None:
+    rows = table(results.tables(done, store, TITLES), "flat man")
+    best = {name for name, cells in rows.items() if cells["seen: surface IoU"].best}
+    assert best == {"nilbs", "paper", "nasa", "nasa-rigid", "snarf", "mlp"}
+    assert not any(cell.best for cell in rows["mesh-lbs °°"].values())
+    assert rows["mesh-lbs °°"]["seen: surface IoU"].text == "0.9000"
+    assert not any(cells["training, s"].best for cells in rows.values())
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ([], (None, None)),
+        ([None], (None, None)),
+        ([0.5], (0.5, None)),
+        ([0.5, None], (0.5, None)),
+        ([1.0, 2.0, 6.0], (3.0, 2.5)),
+    ],
+)
+def test_a_summary_is_the_mean_and_half_the_range(values, expected) -> None:
+    assert summary(values) == expected
+
+
+def test_series_take_one_pose_set_or_any() -> None:
+    def score(value: float, poses: str, mean: float | None) -> Score:
+        return Score("amplitude", "elephant", "nilbs", value, 0, poses, "iou_surface", mean, None)
+
+    known = [score(0.4, "random 0.4", 0.9), score(0.2, "random 0.2", 0.95), score(0.6, "random 0.6", None)]
+    assert series(known, "amplitude", None, "iou_surface") == {"nilbs": {0.2: 0.95, 0.4: 0.9}}
+    assert series(known, "amplitude", "random 0.2", "iou_surface") == {"nilbs": {0.2: 0.95}}
+    assert series(known, "noise", None, "iou_surface") == {}
+
+
+def test_distances(done, store) -> None:
+    rows = table(results.tables(done, store, TITLES), "Error of the distance")
+    assert rows["elephant"]["far: read at rest"].text == "0.100"
+    assert rows["flat man"]["far: corrected by the local stretch"].text == "0.030"
+
+
+def test_ablation_and_mappings(done, store) -> None:
+    tables = results.tables(done, store, TITLES)
+    settings = table(tables, "Settings switched")
+    assert settings["no ghost bone"]["unseen"].text == "0.9000"
+    assert settings["no ghost bone"]["unseen, inverse map alone"].text == "0.8000"
+    ways = table(tables, "Ways of the default model")
+    assert next(iter(ways)) == "search (default)"
+    assert {name: cells["far"].text for name, cells in ways.items()} == {
+        name: "0.9000" if name == "search (default)" else "0.8000" for name in ways
+    }
+    assert len(ways) == len(MAPPINGS)
+
+
+def test_controls_are_the_most_wrong_of_all_scorings(done, store) -> None:
+    job = next(job for job in done.jobs if job.key == "elephant/nilbs/seed1/scores")
+    result = store.result(job)
+    result["scores"]["controls"]["perfect"]["iou_bbox"] = 0.75
+    store.write(job, result)
+    found = results.controls(done, store)
+    assert found["elephant"]["perfect"] == {"iou_bbox": 0.75, "iou_surface": 1.0}
+    assert found["gingerbread-2d"]["inverted"] == {"iou_bbox": 0.0, "iou_surface": 0.0}
+    assert {(row.method, row.score, row.mean) for row in results.scores(done, store) if row.part == "controls"} == {
+        (kind, name, float(kind == "perfect"))
+        for kind in ("perfect", "empty", "inverted")
+        for name in ("iou_bbox", "iou_surface")
+    }
+    rows = table(results.tables(done, store, TITLES), "Controls")
+    assert rows["elephant"]["perfect: iou_bbox"].text == "0.7500"
+
+
+def test_all_files_are_written_and_agree(done, store) -> None:
+    scale = full_scale(["gingerbread-2d", "elephant"], minutes=5, seeds=3)
+    values = write_outputs(done, store, scale, command=["nilbs", "study", "--out", "<here>"])
+    assert json.loads((store.folder / "study.json").read_text()) == values
+    with open(store.folder / "scores.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(values["rows"])
+    mine = [r for r in rows if (r["method"], r["poses"], r["score"]) == ("nilbs", "far", "iou_surface")]
+    assert {r["mean"] for r in mine if r["part"] == "methods" and r["character"] == "elephant"} == {
+        "0.9",
+        "0.89",
+        "0.88",
+    }
+    assert values["machine"]["cores"] >= 1
+    assert any(key.startswith("frames/") for key in values["unfinished"])
+    text = (store.folder / "study.md").read_text()
+    assert "| method | seen: bbox IoU |" in text
+    assert "**0.8900 ± 0.0100**" in text
+    page = ElementTree.fromstring((store.folder / "study.html").read_text().replace("<!DOCTYPE html>", ""))
+    sources = [image.get("src") for image in page.iter("img")]
+    assert len(sources) >= 4
+    assert all(source.startswith("data:image/png;base64,") for source in sources)
+    headings = [heading.text for heading in page.iter("h2")]
+    assert headings[0] == "What was measured"
+    assert headings[-1] == "What is missing"
+
+
+def test_nothing_known_gives_a_report_of_dashes(store) -> None:
+    study = plan(quick_scale())
+    store.folder.mkdir()
+    write_outputs(study, store, quick_scale(), quick=True)
+    assert sorted(path.name for path in store.folder.iterdir() if path.is_file()) == sorted(FILES)
+    page = ElementTree.fromstring((store.folder / "study.html").read_text().replace("<!DOCTYPE html>", ""))
+    assert {cell.text for table in list(page.iter("table"))[1:] for cell in table.iter("td")} == {"-"}
+    assert "numbers mean nothing" in (store.folder / "study.md").read_text()
+
+
+def test_failures_are_told_and_text_is_escaped(store, pretender) -> None:
+    study = plan(quick_scale())
+    run(study, store, [pretender(failing=("gingerbread-2d/nilbs/seed0",))], report=lambda line: None)
+    write_outputs(study, store, quick_scale(), command=["nilbs", "study", "--out", "a<b>&\x07"])
+    text = (store.folder / "study.html").read_text()
+    page = ElementTree.fromstring(text.replace("<!DOCTYPE html>", ""))
+    told = [item.text for item in page.iter("li")]
+    assert "gingerbread-2d/nilbs/seed0 failed: ValueError: it would <not> & could not" in told
+    assert "\x07" not in text
+    assert "nilbs study --out a<b>&" in [cell.text for cell in page.iter("td")]
+
+
+def test_a_page_escapes_what_it_is_given(tmp_path: Path) -> None:
+    evil = 'a|b <script>"&\n'
+    picture = Picture(evil, evil, tmp_path / "gone.png")
+    page = Page(
+        evil,
+        {evil: evil},
+        [Table("twist", evil, evil, (evil, evil), ((evil, (Cell("1.0", True),)),))],
+        {"twist": [picture], "failures": [picture]},
+        [evil],
+        [evil],
+    )
+    root = ElementTree.fromstring(html(page).replace("<!DOCTYPE html>", ""))
+    assert not list(root.iter("script"))
+    assert root.find("body/h1").text == evil
+    assert [strong.text for strong in root.iter("strong")] == ["1.0"]
+    rows = [line for line in markdown(page).splitlines() if line.startswith("|")]
+    assert all(len(re.findall(r"(?<!\\)\|", row)) == 3 for row in rows)
+    assert "<script>" not in markdown(page)
