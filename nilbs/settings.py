@@ -41,6 +41,9 @@ ROWS = {
     **MAPPINGS,
 }
 
+# The widest and deepest network, and the most nodes of a grid, that anyone can have meant.
+WIDEST, MOST_NODES = 65_536, 2**30
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -136,6 +139,8 @@ class Settings:
         for name in ("samples_per_frame", "cache_width"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        if max(self.width, self.depth) > WIDEST:
+            raise ValueError(f"width and depth must be at most {WIDEST}, got {self.width} and {self.depth}")
         if self.depth == 1:
             raise ValueError("depth must be at least 2, got 1")
         for name, choices in _CHOICES.items():
@@ -143,7 +148,16 @@ class Settings:
                 raise ValueError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
 
     def resolved(self, *, bones: int, d: int) -> "Settings":
-        """Settings in which every zero that stands for "as fits the character" is replaced by its number."""
+        """Settings in which every zero that stands for "as fits the character" is replaced by its number.
+
+        Raises
+        ------
+        ValueError
+            If a grid of the rest pose would not fit into memory.
+        """
+        for name in ("cache_resolution", "weight_resolution"):
+            if (cells := getattr(self, name)) ** d > MOST_NODES:
+                raise ValueError(f"{name} must be at most {int(MOST_NODES ** (1 / d))} in {d} dimensions, got {cells}")
         sizes: dict[str, Any] = {name: getattr(self, name) or size for name, size in METHODS[self.method].items()}
         return replace(
             self,

@@ -42,6 +42,7 @@ def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, ce
         ({"ghost": 1}, "ghost must be of type bool, got 1"),
         ({"method": "magic"}, f"method must be one of {', '.join(METHODS)}, got 'magic'"),
         ({"cache_width": 0.0}, "cache_width must be positive, got 0.0"),
+        ({"width": 100_000}, "width and depth must be at most 65536, got 100000 and 0"),
         ({"depth": 1}, "depth must be at least 2, got 1"),
         ({"supervision": "none"}, "supervision must be one of volume, paper, got 'none'"),
         ({"mapping": "forward"}, f"mapping must be one of {', '.join(MAPPINGS)}, got 'forward'"),
@@ -65,3 +66,11 @@ def test_every_method_has_sizes_of_its_own(method: str) -> None:
     resolved = Settings(method=method).resolved(bones=3, d=2)
     assert {name: getattr(resolved, name) for name in METHODS[method]} == METHODS[method]
     assert (resolved.steps == 0) == (method in UNTRAINED)
+
+
+@pytest.mark.parametrize(("d", "most"), [(2, 32_768), (3, 1024)])
+@pytest.mark.parametrize("name", ["cache_resolution", "weight_resolution"])
+def test_a_grid_that_would_fill_the_memory_is_refused(name: str, d: int, most: int) -> None:
+    assert getattr(Settings(**{name: most - 1}).resolved(bones=3, d=d), name) == most - 1
+    with pytest.raises(ValueError, match=rf"^{name} must be at most (1023|1024|32768) in {d} dimensions, got 99999$"):
+        Settings(**{name: 99_999}).resolved(bones=3, d=d)

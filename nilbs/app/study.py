@@ -2,7 +2,7 @@
 
 import argparse
 
-from nilbs.app.options import add_json, whole
+from nilbs.app.options import add_json, positive, whole
 
 # As in nilbs.study.plan, which is not imported for --help.
 PARTS = (
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--minutes",
-        type=_minutes,
+        type=positive,
         metavar="M",
         help="training time of the elephant and of MakeHuman's body, two fifths of it in sweeps, a fifth elsewhere "
         f"(default {MINUTES:g})",
@@ -129,12 +129,3 @@ def run(args: argparse.Namespace) -> None:
         for key, why in failed.items():
             tell(f"{key} failed: {why}")
         raise ValueError(f"{len(failed)} of {len(jobs)} jobs failed; the same command tries them again")
-
-
-def _minutes(word: str) -> float:
-    from nilbs.app.options import not_negative
-
-    value = not_negative(word)
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f"{word!r} is not a positive number")
-    return value
