@@ -111,6 +111,7 @@ def run(args: argparse.Namespace) -> None:
     tell(f"{len(todo)} of {len(jobs)} jobs are to be done" + (f", about {estimate(todo, lanes)}" if todo else ""))
     try:
         with ExitStack() as stack:
+            stack.enter_context(store.alone())
             # A small job's process would take longer to start than the job.
             workers = [
                 stack.enter_context(Worker(store, data, fresh=not args.quick, threads=threads)) for _ in range(lanes)

@@ -1,8 +1,8 @@
 """The folder of a study: what was done, and whether it still counts."""
 
 import json
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,27 @@ class Store:
     """
 
     folder: Path
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep others out of the folder, where the system can.
+
+        Raises
+        ------
+        ValueError
+            If another study is at work in it.
+        """
+        try:
+            import fcntl
+        except ImportError:  # Windows
+            yield
+            return
+        with open(self.folder / "lock", "w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise ValueError(f"{self.folder}: another study is at work in this folder") from None
+            yield
 
     def model(self, key: str) -> Path:
         """Where the model of a training is."""
