@@ -171,3 +171,12 @@ def test_the_whole_quick_plan_runs_by_a_pretender(store, pretender) -> None:
     assert run(study, store, [worker], report=lambda line: None) == {}
     assert worker.did == [job.key for job in study.jobs]
     assert ran(study, store, pretender()) == []
+
+
+def test_one_study_at_a_time_works_in_a_folder(store) -> None:
+    pytest.importorskip("fcntl")
+    store.folder.mkdir()
+    with store.alone(), pytest.raises(ValueError, match=r": another study is at work in this folder$"), store.alone():
+        pass
+    with store.alone():  # and again when it has ended
+        pass
