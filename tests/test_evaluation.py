@@ -295,6 +295,15 @@ def test_surfaces_may_be_left_out_and_other_poses_and_noises_asked_for(character
     assert np.abs(first - second).max() > 0.5
 
 
+def test_points_are_as_far_from_the_surface_as_asked_for(characters, monkeypatch) -> None:
+    c, asked = characters[2], []
+    model = stand_in(c, "perfect", frames=1)
+    monkeypatch.setattr(PosedStandIn, "occupancy", lambda self, x: (asked.append(x), np.zeros(len(x)))[1])
+    evaluate(model, points=4000, resolution=0, noise=0.02, poses=["seen"])
+    distance = signed_distance(linear_blend_skinning(c.V, c.W, model.motion[0]), c.F, asked[1])
+    assert np.sqrt((distance**2).mean()) == pytest.approx(0.02 * c.L, rel=0.15)
+
+
 def test_random_poses_have_the_spread_that_their_name_says(characters) -> None:
     c = characters[2]
     B = np.concatenate([evaluation_poses(c, random_motion(c, frames=2), "random 0.5", seed=s) for s in range(60)])

@@ -3,7 +3,7 @@ import pytest
 import torch
 from scipy.interpolate import RegularGridInterpolator
 
-from nilbs.fields.forward import ForwardField, packed_weights
+from nilbs.fields.forward import Forward, ForwardField, packed_weights
 from nilbs.fields.newton import implicit, newton
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
@@ -115,3 +115,21 @@ def test_roots_have_the_derivatives_of_the_inverse(d: int, rng: np.random.Genera
         return implicit(x, found, field, blends)
 
     assert torch.autograd.gradcheck(root, (x.requires_grad_(), B.requires_grad_()), atol=1e-6)
+
+
+class Arctangent:
+    """A forward map of one rest image for every posed point, on which Newton's method alone runs away."""
+
+    def pose(self, x_rest: torch.Tensor, blends: torch.Tensor) -> Forward:
+        return Forward(torch.atan(80 * x_rest) / 80, torch.diag_embed(1 / (1 + (80 * x_rest) ** 2)))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_step_that_leads_farther_away_is_taken_back(d: int, rng: np.random.Generator) -> None:
+    x_rest = torch.as_tensor(rng.uniform(-0.05, 0.05, (200, d)))
+    x = Arctangent().pose(x_rest, x_rest).x
+    start = x_rest + torch.as_tensor(rng.choice([-0.05, 0.05], (200, d)))
+    found = newton(x, start, Arctangent(), x_rest, iterations=25)
+    assert (found.residual < 1e-10).double().mean() > 0.95
+    solved = found.residual < 1e-10
+    np.testing.assert_allclose(found.x_rest[solved], x_rest[solved], atol=1e-8)

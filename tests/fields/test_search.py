@@ -198,3 +198,20 @@ def test_the_answers_of_the_fixed_point_count_their_look_ups(d: int, rng: np.ran
     assert ask.evaluations == 7 * 300
     assert answer.logit.shape == (300,)
     assert (answer.distance < 0).eq(answer.logit > 0).all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_without_a_root_a_point_is_outside_as_far_as_the_nearest_image_misses(d: int, monkeypatch) -> None:
+    field, B = rod(d), bent(d, 0.0)
+    ask = field.posed(B)
+    inner = torch.zeros((5, d), dtype=torch.float64)  # whatever the network says, the body is there
+
+    def nowhere(x: torch.Tensor, start: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        return start.clone(), torch.full_like(x[:, 0], torch.inf), torch.full_like(x[:, 0], 0.3)
+
+    monkeypatch.setattr(ask, "_search", nowhere)
+    monkeypatch.setattr(ask, "_first", lambda x: x)
+    with torch.no_grad():
+        answer = ask(inner)
+    torch.testing.assert_close(answer.distance, torch.full_like(answer.distance, 0.3))
+    assert (answer.logit < 0).all()

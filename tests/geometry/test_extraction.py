@@ -108,3 +108,26 @@ def test_a_mesh_asked_as_a_field_gives_itself_back(d: int, rng: np.random.Genera
     assert scores["normal_consistency"] > 0.98
     assert scores["components"] == 2
     assert scores["watertight"]
+
+
+def knob(x: np.ndarray) -> np.ndarray:
+    """A half-space with a small ball on it, within the blocks beside the border of the grid with 40 cells."""
+    height = np.zeros(x.shape[1])
+    height[0] = 0.1
+    return np.minimum(x[:, 0], np.linalg.norm(x - height, axis=1) - 0.08)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_without_a_distance_blocks_beside_the_surface_are_looked_into(d: int) -> None:
+    grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 40)
+    asked_at = []
+
+    def values(x: np.ndarray) -> tuple[np.ndarray, None]:
+        asked_at.append(x)
+        return knob(x), None
+
+    U, F = field_surface(values, grid, stride=4)
+    everywhere = field_surface(asked(knob), grid, stride=1)
+    np.testing.assert_array_equal(U, everywhere[0])
+    np.testing.assert_array_equal(F, everywhere[1])
+    assert sum(map(len, asked_at)) < 0.6 * grid.size
