@@ -93,7 +93,8 @@ class Settings:
     mapping : str
         One of `MAPPINGS`: where the trained field takes rest images from. The training is the same.
     cache_resolution : int
-        Cells of the rest cache along its longest edge; 0 takes 256 in space and 512 in the plane.
+        Cells of the rest cache along its longest edge, where it is finest: at the skin; 0 takes 512 in space and 2048
+        in the plane.
     weight_resolution : int
         Cells of the grid of rest weights along its longest edge; 0 takes 128 in space and 256 in the plane.
     cache_width : float
@@ -163,7 +164,7 @@ class Settings:
             self,
             # More bones are more to tell apart, and take longer.
             steps=0 if self.method in UNTRAINED else self.steps or min(1000 + 100 * bones, 4000),
-            cache_resolution=self.cache_resolution or {2: 512, 3: 256}[d],
+            cache_resolution=self.cache_resolution or {2: 2048, 3: 512}[d],
             weight_resolution=self.weight_resolution or {2: 256, 3: 128}[d],
             **sizes,
         )

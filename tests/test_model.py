@@ -300,7 +300,15 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: c.update({"motion.B": c["motion.B"][:, :1]}), "the motion has shape"),
         (
             lambda c, t: c.update({"field.inverse.cache.values": c["field.inverse.cache.values"][:1]}),
+            "a node of the rest cache does not exist",
+        ),
+        (
+            lambda c, t: c.update({"field.inverse.cache.brick": c["field.inverse.cache.brick"][:0]}),
             "the rest cache has shape",
+        ),
+        (
+            lambda c, t: c.update({"field.inverse.cache.brick": c["field.inverse.cache.brick"] + 1}),
+            "a node of the rest cache does not exist",
         ),
         (lambda c, t: c.update({"field.inverse.cache.origin": np.zeros(7, dtype=np.float32)}), "origin must be"),
         (lambda c, t: c.update({"history": np.zeros((2, 2))}), "history must be"),
@@ -317,8 +325,8 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: t.update(bones=["a"]), "names or parents of bones do not fit the bones"),
         (lambda c, t: t["settings"].update(steps="many"), "steps must be of type int"),
         (lambda c, t: t["settings"].pop("steps"), "settings are"),
-        (lambda c, t: t["settings"].update(width=10**8), "no layer is as wide as the settings say, 100000000"),
-        (lambda c, t: t["settings"].update(depth=10**8), "there are fewer layers than the settings say"),
+        (lambda c, t: t["settings"].update(width=60_000), "no layer is as wide as the settings say, 60000"),
+        (lambda c, t: t["settings"].update(depth=60_000), "there are fewer layers than the settings say"),
     ],
 )
 def test_an_archive_that_is_no_complete_model_is_refused(change, message: str, saved, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ def test_a_whole_number_stands_for_a_length() -> None:
 
 
 @pytest.mark.parametrize(("bones", "steps"), [(1, 1100), (4, 1400), (30, 4000), (163, 4000)])
-@pytest.mark.parametrize(("d", "cells", "weights"), [(2, 512, 256), (3, 256, 128)])
+@pytest.mark.parametrize(("d", "cells", "weights"), [(2, 2048, 256), (3, 512, 128)])
 def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, cells: int, weights: int) -> None:
     resolved = Settings(seed=4).resolved(bones=bones, d=d)
     sizes = {"learning_rate": 0.01, "width": 96, "depth": 5, "poses_per_step": 64, "points_per_pose": 128}

@@ -37,6 +37,7 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "the paper's supervision": {"supervision": "paper"},
     "rest weights on 64 cells": {"weight_resolution": 64},
     "rest weights on 96 cells": {"weight_resolution": 96},
+    "rest distance on 256 cells": {"cache_resolution": 256},
     "rest distance on 128 cells": {"cache_resolution": 128},
 }
 # What asks every bone for every point takes too long on a rig with so many, and for surfaces.

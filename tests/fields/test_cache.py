@@ -11,7 +11,7 @@ ORIGIN, SPACING = 0.3, 0.25
 
 def cache(values: np.ndarray, *, width: float = 0.1) -> RestCache:
     origin = torch.full((values.ndim,), ORIGIN, dtype=torch.float64)
-    return RestCache(torch.as_tensor(values), origin, SPACING, width=width)
+    return RestCache.of_grid(torch.as_tensor(values), origin, SPACING, width=width)
 
 
 def nodes(d: int) -> np.ndarray:
@@ -103,5 +103,51 @@ def test_leading_dimensions_and_the_order_in_memory_do_not_matter(rng: np.random
     expected = cache(values).distance(x)
     turned = torch.as_tensor(values.T.copy()).permute(2, 1, 0)
     assert not turned.is_contiguous()
-    field = RestCache(turned, torch.full((3,), ORIGIN, dtype=torch.float64), SPACING, width=0.1)
+    field = RestCache.of_grid(turned, torch.full((3,), ORIGIN, dtype=torch.float64), SPACING, width=0.1)
     np.testing.assert_array_equal(field.distance(x.reshape(3, 4, 3)), expected.reshape(3, 4))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_divided_cell_is_read_at_its_own_nodes(d: int, rng: np.random.Generator) -> None:
+    shape, parts = np.array(SHAPES[d]), 3
+    coarse = rng.normal(size=shape)
+    brick = np.full(shape - 1, -1, dtype=np.int32)
+    fine = rng.normal(size=(2, *(parts + 1,) * d))
+    chosen = [(1,) * d, tuple(shape - 2)]
+    for k, cell in enumerate(chosen):
+        brick[cell] = coarse.size + k * (parts + 1) ** d
+    values = np.concatenate([coarse.ravel(), fine.ravel()])
+    tensors = [torch.as_tensor(a) for a in (values, brick, np.full(d, ORIGIN))]
+    divided = RestCache(*tensors, SPACING, parts=parts, width=0.1)
+    for k, cell in enumerate(chosen):
+        corner = ORIGIN + SPACING * np.array(cell)
+        x = corner + SPACING * rng.uniform(0, 1, (200, d))
+        axes = [c + SPACING * np.arange(parts + 1) / parts for c in corner]
+        expected = RegularGridInterpolator(axes, fine[k], bounds_error=False, fill_value=None)(x)
+        np.testing.assert_allclose(divided.distance(torch.as_tensor(x)).numpy(), expected, atol=1e-12)
+    # The other cells are as they were, and so is what lies beyond the grid.
+    x = rng.uniform(ORIGIN - 0.3, ORIGIN + SPACING * (shape - 1) + 0.3, (2000, d))
+    index = np.clip(np.floor((x - ORIGIN) / SPACING).astype(int), 0, shape - 2)
+    other = ~np.any([(index == cell).all(axis=1) for cell in chosen], axis=0)
+    plain = cache(coarse)
+    np.testing.assert_array_equal(
+        divided.distance(torch.as_tensor(x[other])).numpy(), plain.distance(torch.as_tensor(x[other])).numpy()
+    )
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_divided_cell_has_derivatives(d: int, rng: np.random.Generator) -> None:
+    parts = 2
+    brick = np.zeros((1,) * d, dtype=np.int32)
+    brick[...] = 2**d
+    values = rng.normal(size=2**d + (parts + 1) ** d)
+    field = RestCache(
+        torch.as_tensor(values),
+        torch.as_tensor(brick),
+        torch.zeros(d, dtype=torch.float64),
+        1.0,
+        parts=parts,
+        width=0.1,
+    )
+    x = torch.tensor(rng.uniform(0.05, 0.45, (6, d)) + 0.5 * rng.integers(0, 2, (6, d)), requires_grad=True)
+    assert torch.autograd.gradcheck(field.distance, x)

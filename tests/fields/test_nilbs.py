@@ -29,7 +29,7 @@ def field(d: int) -> NilbsField:
     torch.manual_seed(0)
     centers = torch.linspace(-1, 1, BONES * d).reshape(BONES, d)
     values = torch.linspace(-1, 1, 4**d).reshape((4,) * d)
-    cache = RestCache(values, torch.full((d,), -1.0), 0.7, width=WIDTH)
+    cache = RestCache.of_grid(values, torch.full((d,), -1.0), 0.7, width=WIDTH)
     return NilbsField(WeightNetwork(LocalEncoding(centers), len(centers), width=16, depth=3), cache, root=ROOT).double()
 
 

@@ -35,7 +35,7 @@ def rod(d: int) -> SearchField:
     torch.manual_seed(1)
     box = np.array([[-HALF] + [-RADIUS] * (d - 1), [HALF] + [RADIUS] * (d - 1)])
     fine, grid = Grid.box(box, 100, pad=0.1), Grid.box(box, 60, pad=0.1)
-    cache = RestCache(
+    cache = RestCache.of_grid(
         torch.as_tensor(distance(fine.points()).reshape(fine.shape)), torch.as_tensor(fine.origin), fine.spacing,
         width=0.003,
     )  # fmt: skip

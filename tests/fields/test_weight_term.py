@@ -21,7 +21,7 @@ def joints(d: int) -> np.ndarray:
 
 def field(d: int) -> NilbsField:
     torch.manual_seed(0)
-    cache = RestCache(torch.linspace(-1, 1, 4**d).reshape((4,) * d), torch.full((d,), -1.0), 0.7, width=0.1)
+    cache = RestCache.of_grid(torch.linspace(-1, 1, 4**d).reshape((4,) * d), torch.full((d,), -1.0), 0.7, width=0.1)
     network = WeightNetwork(LocalEncoding(torch.as_tensor(joints(d)[:2])), 2, width=8, depth=3)
     return NilbsField(network, cache, root=0).double()
 

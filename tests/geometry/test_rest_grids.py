@@ -4,7 +4,7 @@ import pytest
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.interpolation import volume_interpolation
-from nilbs.geometry.rest_grids import distance_grid, weight_grid
+from nilbs.geometry.rest_grids import distance_bricks, distance_grid, weight_grid
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -76,3 +76,28 @@ def test_a_grid_that_misses_the_body_has_the_nearest_node(characters) -> None:
     node, W_node = weight_grid(c.V, c.F, c.W, c.V_volume, c.T, c.W_volume, grid, band=0.1 * c.L, depth=0.0)
     assert node.tolist() == [0]
     np.testing.assert_allclose(W_node.sum(axis=1), 1)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_cells_that_the_surface_may_cross_are_divided_and_exact(d: int, characters) -> None:
+    c, parts = characters[d], 3
+    grid = Grid.box(c.V, 12)
+    values, brick = distance_bricks(c.V, c.F, grid, parts=parts)
+    assert brick.shape == tuple(n - 1 for n in grid.shape)
+    np.testing.assert_array_equal(values[: grid.size].reshape(grid.shape), distance_grid(c.V, c.F, grid))
+    # A slow twin: every cell by itself.
+    begins = grid.size
+    within = np.stack(np.meshgrid(*[np.arange(parts + 1)] * d, indexing="ij"), axis=-1).reshape(-1, d)
+    for cell in np.ndindex(*brick.shape):
+        corner = grid.origin + grid.spacing * np.array(cell)
+        nodes = corner + grid.spacing * within / parts
+        exact = signed_distance(c.V, c.F, nodes)
+        crossed = exact.min() < 0 < exact.max()
+        if brick[cell] < 0:
+            assert not crossed
+            continue
+        assert brick[cell] == begins
+        begins += len(within)
+        np.testing.assert_allclose(values[brick[cell] :][: len(within)], exact, atol=1e-12)
+    assert begins == len(values)
+    assert 0 < (brick >= 0).mean() < 1
