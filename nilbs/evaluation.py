@@ -59,7 +59,7 @@ class Scores:
             f"trained on {v['training']['frames']} frames, {v['training']['steps']} steps: {v['training']['motion']}",
             "truth: the mesh skinned by LBS, inside where |winding number| > 1/2; lengths in % of L",
             "",
-            f"{'':22}{'iou_bbox':>17}{'iou_surface':>17}{'chamfer_l1':>12}{'p95':>8}{'hausdorff':>11}{'normals':>9}"
+            f"{'':26}{'iou_bbox':>17}{'iou_surface':>17}{'chamfer_l1':>12}{'p95':>8}{'hausdorff':>11}{'normals':>9}"
             f"{'f_score':>9}{'parts':>7}{'closed':>8}{'lookups':>9}",
         ]
         for row, sets in {"": v["poses"], **v["rows"]}.items():
@@ -121,6 +121,8 @@ def evaluate(
             raise ValueError(f"{name!r} is none of {', '.join(ROWS)}")
         if name in MAPPINGS and model.settings.method != "nilbs":
             raise ValueError(f"the row {name!r} is of the method nilbs, and this model's is {model.settings.method}")
+    if distances and (model.settings.method != "nilbs" or set(rows) - {"floor", *MAPPINGS}):
+        raise ValueError("distances are compared for the method nilbs and its own rows only")
     if points < 1 or resolution == 1 or resolution < 0 or not noise >= 0:
         raise ValueError(
             "points must be at least 1, resolution 0 or at least 2, noise at least 0; "
@@ -250,6 +252,20 @@ def _asked(model: Model, row: str) -> Callable[[np.ndarray], _Posed | None]:
 
 
 @dataclass(frozen=True)
+class _Control:
+    """A prediction whose scores are known: the truth asked anew, nothing, or its opposite."""
+
+    truth: MeshLbs
+    kind: str
+
+    def occupancy(self, x: np.ndarray) -> np.ndarray:
+        if self.kind == "empty":
+            return np.zeros(len(x))
+        inside = self.truth.inside(x)
+        return (inside if self.kind == "perfect" else ~inside).astype(np.float64)
+
+
+@dataclass(frozen=True)
 class _Scene:
     """One pose's truth, and the points that it is compared at."""
 
@@ -274,15 +290,10 @@ class _Scene:
         return cls(c, truth, grid, resolution, x, {name: truth.inside(x[name]) for name in IOUS}, stream)
 
     def controls(self) -> dict[str, dict[str, float]]:
-        """Scores of a perfect, an empty and an inverted prediction."""
-        predicted: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-            "perfect": lambda true: true.copy(),
-            "empty": np.zeros_like,
-            "inverted": np.logical_not,
-        }
-        return {kind: self._ious({n: predicted[kind](true) for n, true in self.true.items()}) for kind in CONTROLS}
+        """Scores of a perfect, an empty and an inverted prediction, asked and scored as a model is."""
+        return {kind: self._ious(self.inside(_Control(self.truth, kind))) for kind in CONTROLS}
 
-    def inside(self, posed: _Posed | None) -> dict[str, np.ndarray]:
+    def inside(self, posed: "_Posed | _Control | None") -> dict[str, np.ndarray]:
         """What a prediction says of the points; the truth itself where there is none."""
         return self.true if posed is None else {name: posed.occupancy(x) > 0.5 for name, x in self.points.items()}
 
@@ -329,7 +340,7 @@ def _table_row(name: str, scores: dict[str, Any]) -> str:
         return mean(score, 9, 4) + ("        " if worst is None else f" ({worst:.3f})"[:8].rjust(8))
 
     return (
-        f"{name:22}{with_worst('iou_bbox')}{with_worst('iou_surface')}{mean('chamfer_l1', 12, 3)}{mean('p95', 8, 3)}"
+        f"{name:26}{with_worst('iou_bbox')}{with_worst('iou_surface')}{mean('chamfer_l1', 12, 3)}{mean('p95', 8, 3)}"
         f"{mean('hausdorff', 11, 2)}{mean('normal_consistency', 9, 4)}{mean('f_score', 9, 4)}{mean('components', 7, 1)}"
         f"{mean('watertight', 8, 2)}{mean('lookups', 9, 2)}"
     )

@@ -135,7 +135,7 @@ def build_objective(
             factor=settings.occupancy_loss,
             # A look at all points would take SNARF's search longer than the steps between two looks.
             adaptive=settings.adaptive and not paper and settings.method != "snarf",
-            squared=paper,
+            absolute=paper,
         )
     return Objective(occupancy, *_TERMS.get(settings.method, lambda field, scene: [])(field, scene), seed=settings.seed)
 
@@ -160,6 +160,8 @@ def _nilbs_terms(field: Field, scene: Scene) -> list[Term]:
                 **_batch(settings),
             )
         )
+    if not terms and not settings.occupancy_loss:
+        raise ValueError("every loss of the weight network is off: there is nothing to train for")
     if field.forward_network is not None:
         points = settings.poses_per_step * settings.points_per_pose
         terms.append(ForwardWeightTerm(field.forward_network, rest, points=points))

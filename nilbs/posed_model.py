@@ -14,7 +14,6 @@ from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import transform_points
 from nilbs.geometry.validation import arrays
-from nilbs.settings import MAPPINGS
 from nilbs.unit_frame import at_rest, in_unit_frame, rest_center, root_bone, unit_frame
 
 # Points that go through a field at once; bounds the memory of a query of any size.
@@ -70,20 +69,20 @@ class PosedModel:
     def posed_distance(self, x: np.ndarray) -> np.ndarray:
         """Signed distance (n,) in the posed frame, to first order: see `Model.posed_distance`."""
         (x,) = arrays(x=(x, f"n {self.character.d}"))
-        L, center, found = self.character.L, rest_center(self.character), []
-        cache = searching(self.field).inverse.cache
-        B = torch.tensor(self.pose)
-        for start in range(0, max(len(x), 1), CHUNK):
-            part = torch.tensor(x[start : start + CHUNK], requires_grad=True)
-            answer = answer_in_mesh_units(self.character, self.field, part, B, mapping=self.mapping)
-            distance, image = _distance(answer), _rest_image(answer)
-            (slope,) = torch.autograd.grad(distance.sum(), part)
-            x_rest = ((image.detach() - torch.as_tensor(center).to(image)) / L).requires_grad_()
+        cache, found = searching(self.field).inverse.cache, []
+        posed = posed_field(self.field, self._B, self.mapping, ghost=self.ghost)
+        # Out of the unit frame, which the root bone may stretch as well.
+        out = torch.as_tensor(np.linalg.inv(self.pose[root_bone(self.character), :-1, :-1])).to(like(self.field))
+        for chunk in self._chunks(x):
+            part = chunk.clone().requires_grad_()
+            answer = posed(part)
+            (slope,) = torch.autograd.grad(answer.distance.sum(), part)
+            x_rest = answer.x_rest.detach().requires_grad_()
             (slope_rest,) = torch.autograd.grad(cache.distance(x_rest).sum(), x_rest)
-            length, length_rest = (vector.norm(dim=-1).to(distance) for vector in (slope, slope_rest))
+            length, length_rest = (vector.norm(dim=-1) for vector in (slope @ out, slope_rest))
             told = (length > 0) & (length_rest > LEAST_SLOPE)
-            found.append((distance * torch.where(told, length_rest / length, 1.0)).detach())
-        return _joined(found)
+            found.append((answer.distance * torch.where(told, length_rest / length, 1.0)).detach())
+        return _joined(found) * self.character.L
 
     def values(self, rest_field: Callable[[np.ndarray], np.ndarray], x: np.ndarray, *, outside: float) -> np.ndarray:
         """Values (n, ...) of any field that is known at rest: see `Model.values`."""
@@ -98,7 +97,8 @@ class PosedModel:
     def weights(self, x: np.ndarray) -> np.ndarray:
         """Weights (n, b+1) that the network predicts for posed points (n, d); the ghost bone's last."""
         inverse = searching(self.field).inverse
-        return _joined([inverse(chunk[None], self._B[None]).weights[0] for chunk in self._chunks(x)])
+        with torch.inference_mode():
+            return _joined([inverse(chunk[None], self._B[None]).weights[0] for chunk in self._chunks(x)])
 
     def posed_points(self, x_rest: np.ndarray) -> np.ndarray:
         """Where forward skinning sends rest points (n, d): see `Model.posed_points`."""
@@ -143,15 +143,17 @@ class PosedModel:
 
     def _answers(self, x: np.ndarray) -> Iterator[Answer]:
         for chunk in self._chunks(x):
-            yield self._posed(chunk)
+            # Not around the yield: who reads the answer is not to be in this mode too.
+            with torch.inference_mode():
+                answer = self._posed(chunk)
+            yield answer
 
     def _chunks(self, x: np.ndarray) -> Iterator[torch.Tensor]:
         """Points in pieces, in the field's frame."""
         (x,) = arrays(x=(x, f"n {self.character.d}"))
         x_unit, _ = in_unit_frame(self.character, x, self.pose)
         for start in range(0, max(len(x_unit), 1), CHUNK):
-            with torch.inference_mode():
-                yield torch.as_tensor(x_unit[start : start + CHUNK]).to(like(self.field))
+            yield torch.as_tensor(x_unit[start : start + CHUNK]).to(like(self.field))
 
 
 def answer_in_mesh_units(
@@ -174,8 +176,6 @@ def posed_field(field: Field, B: torch.Tensor, mapping: str | None, *, ghost: bo
     """
     if mapping is None:
         return field.posed(B)
-    if mapping not in MAPPINGS:
-        raise ValueError(f"mapping must be one of {', '.join(MAPPINGS)}, got {mapping!r}")
     return searching(field).posed(B, mapping, ghost=ghost)
 
 

@@ -42,7 +42,7 @@ ROWS = {
 }
 
 # The widest and deepest network, and the most nodes of a grid, that anyone can have meant.
-WIDEST, MOST_NODES = 65_536, 2**30
+WIDEST, MOST_NODES = 4096, {"cache_resolution": 2**30, "weight_resolution": 2**27}
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Settings:
     supervision : "volume" or "paper"
         Where the weight loss knows the weights: in the rest volume and a thin shell around it, posed by skinning in the
         motion's and in random poses; or, as in the paper, on the rest surface's vertices in the rest pose. "paper" also
-        takes the paper's occupancy loss: uniform points, squared difference.
+        takes the paper's occupancy loss: uniform points, absolute difference.
     shell : float
         Standard deviation of that shell.
     encoding : "local" or "parameters"
@@ -89,7 +89,8 @@ class Settings:
         Half of the weight loss's poses turn every bone but the roots by normal angles whose standard deviation is
         drawn, for each pose, between zero and this; in radians. 0 takes the motion's poses only.
     adaptive : bool
-        Whether half of the labelled points are drawn by the field's error; only with supervision in the volume.
+        Whether half of the labelled points are drawn by the field's error; only with supervision in the volume, and not
+        for SNARF, whose look at all points would take longer than the steps between two looks.
     mapping : str
         One of `MAPPINGS`: where the trained field takes rest images from. The training is the same.
     cache_resolution : int
@@ -156,9 +157,9 @@ class Settings:
         ValueError
             If a grid of the rest pose would not fit into memory.
         """
-        for name in ("cache_resolution", "weight_resolution"):
-            if (cells := getattr(self, name)) ** d > MOST_NODES:
-                raise ValueError(f"{name} must be at most {int(MOST_NODES ** (1 / d))} in {d} dimensions, got {cells}")
+        for name, most in MOST_NODES.items():
+            if (cells := getattr(self, name)) ** d > most:
+                raise ValueError(f"{name} must be at most {int(most ** (1 / d))} in {d} dimensions, got {cells}")
         sizes: dict[str, Any] = {name: getattr(self, name) or size for name, size in METHODS[self.method].items()}
         return replace(
             self,

@@ -325,8 +325,8 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: t.update(bones=["a"]), "names or parents of bones do not fit the bones"),
         (lambda c, t: t["settings"].update(steps="many"), "steps must be of type int"),
         (lambda c, t: t["settings"].pop("steps"), "settings are"),
-        (lambda c, t: t["settings"].update(width=60_000), "no layer is as wide as the settings say, 60000"),
-        (lambda c, t: t["settings"].update(depth=60_000), "there are fewer layers than the settings say"),
+        (lambda c, t: t["settings"].update(width=4000), "no layer is as wide as the settings say, 4000"),
+        (lambda c, t: t["settings"].update(depth=4000), "there are fewer layers than the settings say"),
     ],
 )
 def test_an_archive_that_is_no_complete_model_is_refused(change, message: str, saved, tmp_path: Path) -> None:

@@ -83,4 +83,10 @@ def local_angles(B: Tensor, P: Tensor) -> Tensor:
     square = (axis * axis).sum(dim=-1, keepdim=True)
     small = square < 1e-12
     sine = torch.where(small, 1.0, square).sqrt()
-    return axis * torch.where(small, 1.0, torch.atan2(sine, cosine) / sine)
+    turned = axis * torch.where(small, 1.0, torch.atan2(sine, cosine) / sine)
+    # Of half a turn nothing is left in the skew part; (R + I) / 2 is then the axis times itself, in every column.
+    square_axis = (local + torch.eye(3).to(local)) / 2
+    largest = square_axis.diagonal(dim1=-2, dim2=-1).argmax(dim=-1)
+    column = square_axis.gather(-1, largest[..., None, None].expand(*largest.shape, 3, 1))[..., 0]
+    half = torch.pi * column / column.norm(dim=-1, keepdim=True).clamp_min(1e-12)
+    return torch.where(small & (cosine < 0), half, turned)

@@ -9,6 +9,9 @@ from torch import Tensor, nn
 from nilbs.fields.adaptive import AdaptiveSampler
 from nilbs.fields.samples import OccupancySamples
 
+# Points that are looked at together; bounds the memory of methods that ask every bone for every point.
+LOOK = 4096
+
 
 class OccupancyTerm:
     """Occupancy loss of any field on the labelled points of a step.
@@ -27,8 +30,8 @@ class OccupancyTerm:
         Factor of the loss.
     adaptive : bool
         Whether half of the points are drawn in proportion to the field's error on them when it was last looked at.
-    squared : bool
-        Whether occupancies are compared by their squared difference, the paper's norm, and not by cross-entropy.
+    absolute : bool
+        Whether occupancies are compared by their absolute difference, as in the paper, and not by cross-entropy.
     """
 
     def __init__(
@@ -41,14 +44,14 @@ class OccupancyTerm:
         points_per_pose: int,
         factor: float = 1.0,
         adaptive: bool = True,
-        squared: bool = False,
+        absolute: bool = False,
     ) -> None:
         self.logit, self.poses = logit, poses
         self.x = torch.as_tensor(labelled.x).to(poses)
         self.inside = torch.as_tensor(labelled.inside).to(poses)
         self.sampler = AdaptiveSampler(*labelled.inside.shape)
         self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
-        self.factor, self.adaptive, self.squared = factor, adaptive, squared
+        self.factor, self.adaptive, self.absolute = factor, adaptive, absolute
 
     def look(self) -> None:
         """Look at the field's error on the whole pool of points."""
@@ -62,11 +65,12 @@ class OccupancyTerm:
         point = torch.as_tensor(points, device=self.poses.device)
         logit = self.logit(self.x[frame[:, None], point], self.poses[frame])
         inside = self.inside[frame[:, None], point]
-        if self.squared:
-            return self.factor * ((torch.sigmoid(logit) - inside) ** 2).mean()
+        if self.absolute:
+            return self.factor * (torch.sigmoid(logit) - inside).abs().mean()
         return self.factor * nn.functional.binary_cross_entropy_with_logits(logit, inside)
 
     def _error(self, frame: int) -> Tensor:
         """Squared error of occupancy at all labelled points of a frame."""
-        logit = self.logit(self.x[frame : frame + 1], self.poses[frame : frame + 1])[0]
+        parts = self.x[frame].split(LOOK)
+        logit = torch.cat([self.logit(x[None], self.poses[frame : frame + 1])[0] for x in parts])
         return (torch.sigmoid(logit) - self.inside[frame]) ** 2

@@ -11,9 +11,10 @@ from nilbs.fields.forward_network import ForwardNetwork
 from nilbs.fields.newton import ROOT, ForwardMap, Roots, implicit, newton
 from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.overlap import Overlap
+from nilbs.settings import MAPPINGS
 
-# Steps of one search.
-ITERATIONS = 6
+# Steps of one search; of the fixed point, which gains the same share in every step and no more.
+ITERATIONS, CONTRACTIONS = 6, 20
 # In units of the body's longest edge: a start this near to a root that is known finds it again.
 SAME = 0.02
 # In cells of the grid of weights: nodes no farther from the skin are places to begin from.
@@ -70,8 +71,16 @@ class SearchField(Field):
         mapping : str
             One of `nilbs.settings.MAPPINGS`.
         ghost : bool
-            Whether the ghost bone takes part in the maps "inverse" and "reverse".
+            Whether the ghost bone takes part in the maps "inverse" and "reverse". The others do without: whether a rest
+            image is one is told by the residual.
+
+        Raises
+        ------
+        ValueError
+            If there is no such mapping.
         """
+        if mapping not in MAPPINGS:
+            raise ValueError(f"mapping must be one of {', '.join(MAPPINGS)}, got {mapping!r}")
         if mapping in ("inverse", "reverse"):
             return lambda x: self.inverse.answer(x, B, ghost=ghost, reverse=mapping == "reverse")
         return PosedSearch(self, B, mapping)
@@ -83,7 +92,8 @@ class PosedSearch:
     Attributes
     ----------
     queries, evaluations : int
-        Points asked so far, and look-ups of the forward field for them.
+        Points asked so far, and evaluations of weights for them: look-ups of the forward field, and one of the network
+        for each point where the mapping asks it.
     """
 
     def __init__(self, field: SearchField, B: Tensor, mapping: str = "search") -> None:
@@ -130,6 +140,7 @@ class PosedSearch:
             return self._rigid(x, 0)
         if self.mapping == "parts":
             return x  # where the root bone takes it from; what lies there is tried next
+        self.evaluations += len(x)
         image: Tensor = self.field.inverse(x[None], self.B[None]).x_rest[0]
         return image
 
@@ -149,8 +160,11 @@ class PosedSearch:
 
     def _search(self, x: Tensor, start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Where a search ended, the distance there (infinite if that is no root), and the residual."""
-        solve = fixed_point if self.mapping == "fixed-point" else newton
-        found: Roots = solve(x, start, self.field.skinning, self.blends, iterations=ITERATIONS)
+        found: Roots
+        if self.mapping == "fixed-point":
+            found = fixed_point(x, start, self.field.skinning, self.blends, iterations=CONTRACTIONS)
+        else:
+            found = newton(x, start, self.field.skinning, self.blends, iterations=ITERATIONS)
         self.evaluations += found.evaluations
         distance = self.field.inverse.cache.distance(found.x_rest)
         return found.x_rest, torch.where(found.residual < ROOT, distance, torch.inf), found.residual

@@ -162,7 +162,7 @@ def weight_grid(
     node = np.flatnonzero(distance < band)
     if not len(node):
         node = np.array([int(distance.argmin())])
-    points = grid.points()[node]
+    points = grid.origin + grid.spacing * np.stack(np.unravel_index(node, grid.shape), axis=1)
     W_node = np.empty((len(node), W.shape[1]))
     for start in range(0, len(node), CHUNK):
         part = slice(start, start + CHUNK)

@@ -2,6 +2,7 @@
 
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -118,13 +119,15 @@ def prepared(name: str, folder: Path, data: Path | None, *, report: Report = sil
     """
     from nilbs.character import Character
     from nilbs.io.archive import read_archive, write_archive
+    from nilbs.io.errors import FileFormatError
 
     source, path = SOURCES[name], folder / f"{name}.character"
     made_of = [] if data is None else [[file, (data / file).stat().st_size] for file in source.files]
     if path.is_file():
-        arrays, text = read_archive(path, kind=KIND)
-        if text.get("made_of") == made_of:
-            return Character(name=name, names=tuple(map(str, text["bones"])), **arrays)
+        with suppress(FileFormatError):  # what cannot be read is made again
+            arrays, text = read_archive(path, kind=KIND)
+            if text.get("made_of") == made_of:
+                return Character(name=name, names=tuple(map(str, text["bones"])), **arrays)
     character = _loaded(source, data, report)
     names = ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume")
     text = {"made_of": made_of, "bones": list(character.names)}

@@ -46,7 +46,9 @@ DARK = "#8a5a2b"
 # Degrees by which the gingerbread man's left arm is turned: until it presses into the body, and until it lies there.
 ARM, TURNS, SWING_FRAMES = 4, (-85.0, -150.0), 31
 ONCE, TWICE = "#9a9a9a", "#555555"
-# Of the finned bar, in lengths of the bar; the thinnest fins are about as thin as half a cell of a cache of the plane.
+# Cells of the rest cache of the finned bar, as many as in space; its thinnest fins are about half as thin as one.
+FIN_CELLS = 512
+# Of the finned bar, in lengths of the bar.
 FINS = (0.001, 0.0015, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.016, 0.024)
 FIN_HEIGHT, BAR_HEIGHT, SLANT, BEND = 0.2, 0.08, 0.2, 40.0
 FIN_POINTS = 4000
@@ -115,7 +117,9 @@ def failure_figures(
     finned = models.get("fins")
     if finned is None:
         bar = finned_bar()
-        finned = fit(bar, _turned(bar, 1, np.linspace(-BEND, BEND, SWING_FRAMES)), **options)
+        finned = fit(
+            bar, _turned(bar, 1, np.linspace(-BEND, BEND, SWING_FRAMES)), **{"cache_resolution": FIN_CELLS, **options}
+        )
     figures.append(_thin_parts(finned, folder / "thin-parts.png", resolution, np.random.default_rng(seed)))
     return figures
 
@@ -352,9 +356,9 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
     caption = (
         f"A bar with {len(FINS)} fins, bent by {BEND:g}°. The rest distance is known on a grid with cells of "
         f"{cache / L:.2%} of L, and the surface is extracted on one with cells of {grid.spacing / L:.2%}. How much of "
-        f"a fin the field finds, by its thickness in cells of the first grid: {listed(cache, asked)}. Where a fin "
-        "passes between the nodes it leaves no negative distance at any: for the field it does not exist there, "
-        "whatever the network learned. How much of it the surface holds, by its thickness in cells of the second: "
+        f"a fin the field finds, by its thickness in cells of the first grid: {listed(cache, asked)}. A fin that "
+        "passes between the nodes leaves no negative distance at any, and for the field it does not exist there. "
+        "How much of it the surface holds, by its thickness in cells of the second: "
         f"{listed(grid.spacing, extracted)}. Fins that are found but not extracted come back on a finer grid of the "
         "extraction; the others need a finer cache (the setting cache_resolution)."
     )

@@ -114,10 +114,12 @@ def scores(plan: Plan, store: Store) -> list[Score]:
     -------
     scores : list of Score
     """
-    jobs, results = plan.by_key, {job.key: store.result(job) for job in plan.jobs}
+    jobs = plan.by_key
+    # Scores of a training that was repeated since do not count.
+    results = {job.key: store.result(job) for job in plan.jobs if job.kind == TRAIN or store.done(job, plan)}
     found = []
     for entry in plan.entries:
-        job, result = jobs[entry.job], results[entry.job]
+        job, result = jobs[entry.job], results.get(entry.job)
         if job.kind != SCORE or result is None:
             continue
         common = (entry.part, entry.character, entry.method, entry.value, entry.seed)
@@ -132,10 +134,12 @@ def scores(plan: Plan, store: Store) -> list[Score]:
                 found += [Score(*common, name, score, *_mean_and_worst(value)) for score, value in values.items()]
         if entry.row in (seconds := result["scores"]["query_seconds"]):
             found.append(Score(*common, "", "seconds", _number(seconds[entry.row]), None))
-        training = results[job.needs] if job.needs else None
+        training = results.get(job.needs) if job.needs else None
         if training is not None and not entry.row:
-            for score in ("seconds", "steps"):
-                found.append(Score(*common, "", f"training_{score}", training[score], None))
+            # Of a training that was stopped and continued only the last piece was timed.
+            seconds_taken = None if training["resumed"] else training["seconds"]
+            found.append(Score(*common, "", "training_seconds", seconds_taken, None))
+            found.append(Score(*common, "", "training_steps", training["steps"], None))
     return found
 
 
@@ -267,10 +271,10 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
     scorings = [e for e in plan.entries if e.character == character and plan.by_key[e.job].kind == SCORE]
     entries, extracted = ([e for e in scorings if e.part == part] for part in ("methods", "surfaces"))
     seeds = len({entry.seed for entry in entries})
-    spread = f"Mean of {seeds} seeds ± (max - min) / 2" if seeds > 1 else "One seed"
+    spread = f"Mean of those of {seeds} seeds that are done ± (max - min) / 2" if seeds > 1 else "One seed"
     marks = (
         "Rows marked ° learn nothing; rows marked °° are the truth itself, skinned by LBS, and take no part in the "
-        "comparison. Bold: best of the column."
+        "comparison. Bold: best of the column, and what lies within the spread of it."
     )
 
     def table(title: str, note: str, names: Sequence[str], columns: Sequence[tuple[str, str, str]]) -> Table:
@@ -288,7 +292,7 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
     fields += [("methods", "", score) for score in ("seconds", "training_seconds", "training_steps")]
     surfaces = [("surfaces", poses, score) for poses in surface_sets for score in _SURFACE_SCORES]
     field_note = f"{spread}; what has no ± was scored for the first seed. Surface IoU within noise of 0.006 L. {marks}"
-    surface_note = f"The first seed's extracted surfaces; lengths in % of L. {marks}"
+    surface_note = f"Extracted surfaces; what has no ± was scored for the first seed. Lengths in % of L. {marks}"
     return [
         table(title, field_note, order(entry.method for entry in entries), fields),
         table(f"{title}: surfaces", surface_note, order(entry.method for entry in extracted), surfaces),
@@ -426,17 +430,33 @@ def _rows(
     for j, score in enumerate(kinds):
         shown = [_shown(values[i][j], score) for i, name in enumerate(names) if name not in TRUTH]
         numbers = [value for value in shown if value is not None]
-        comparable = len(numbers) > 1 and not score.startswith("training")
+        # Fewer parts are no better than as many as there are.
+        comparable = len(numbers) > 1 and not score.startswith("training") and score != "components"
         best.append((max if score in HIGHER_IS_BETTER else min)(numbers) if comparable else None)
     rows = []
     for name, cells in zip(names, values, strict=True):
         row = []
         for j, (cell, score) in enumerate(zip(cells, kinds, strict=True)):
             value = _shown(cell, score)
-            is_best = value is not None and value == best[j] and name not in TRUTH
+            is_best = _as_good(value, best[j], values, j, cell, score) and name not in TRUTH
             row.append(Cell(_text(*summary(cell), _DECIMALS[score]), is_best))
         rows.append((label(name), tuple(row)))
     return tuple(rows)
+
+
+def _as_good(
+    value: float | None,
+    best: float | None,
+    values: Sequence[Sequence[Sequence[float | None]]],
+    column: int,
+    cell: Sequence[float | None],
+    score: str,
+) -> bool:
+    """Whether a mean is the best of its column, or no farther from it than the seeds of either are apart."""
+    if value is None or best is None:
+        return False
+    spreads = [summary(row[column])[1] or 0.0 for row in values if _shown(row[column], score) == best]
+    return abs(value - best) <= max(*spreads, summary(cell)[1] or 0.0)
 
 
 def _shown(values: Sequence[float | None], score: str) -> float | None:

@@ -39,16 +39,12 @@ class Store:
         except ImportError:  # Windows
             yield
             return
-        path = self.folder / "lock"
-        with open(path, "w") as file:
+        with open(self.folder / "lock", "w") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise ValueError(f"{self.folder}: another study is at work in this folder") from None
-            try:
-                yield
-            finally:
-                path.unlink(missing_ok=True)
+            yield
 
     def model(self, key: str) -> Path:
         """Where the model of a training is."""

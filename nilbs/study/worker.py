@@ -150,7 +150,7 @@ def _picture(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
 def _twist(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
     from nilbs.study.twist import twist_table
 
-    return {"table": [dict(row) for row in twist_table(**job.spec)]}
+    return {"table": [dict(row) for row in twist_table(**_made(job.spec))]}
 
 
 def _failures(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
@@ -160,9 +160,14 @@ def _failures(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     pictures = [
         {"title": title, "caption": caption, "file": Path(path).relative_to(store.folder).as_posix()}
-        for title, caption, path in failure_figures(folder, **job.spec)
+        for title, caption, path in failure_figures(folder, **_made(job.spec))
     ]
     return {"pictures": pictures}
+
+
+def _made(spec: Mapping[str, Any]) -> dict[str, Any]:
+    """What a job's function is called with: without what only tells other code's results apart."""
+    return {name: value for name, value in spec.items() if name != "defaults"} | {"device": "cpu"}
 
 
 _KINDS: Mapping[str, Callable[[Job, Store, Path | None], Mapping[str, Any]]] = {

@@ -211,6 +211,16 @@ def test_train_takes_any_setting_and_a_time(assets, succeeds, out, quick_setting
     assert settings.steps == values["steps"] > 0
 
 
+def test_train_for_nothing_is_refused(assets, nilbs, out, quick_training):
+    files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--frames", 2)
+    off = [word for name in ("occupancy", "weight", "position") for word in ("--set", f"{name}_loss=0")]
+    for forward in ("grid", "network"):
+        status, _, said = nilbs("train", *files, *off, "--set", f"forward={forward}", "-o", out / "m.nilbs")
+        assert status == 2
+        assert "every loss of the weight network is off: there is nothing to train for" in said
+    assert os.listdir(out) == []
+
+
 def test_train_solves_for_weights_where_none_are_given(assets, succeeds, out, quick_training):
     assert (
         succeeds("train", assets / "bar2.obj", assets / "bar.tgf", "--frames", 2, "-o", out / "m.nilbs")["frames"] == 2

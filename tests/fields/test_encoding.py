@@ -4,7 +4,7 @@ import torch
 
 from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
 from nilbs.fields.kinematics import forward_kinematics, local_angles
-from nilbs.geometry.rotations import transform_points
+from nilbs.geometry.rotations import rotation_matrices, transform_points
 
 C = np.array([[0, 0, 0], [0.5, 0, 0], [1, 0.2, 0.1], [1.2, 0.5, 0.3]])
 BE, P = np.array([[0, 1], [1, 2], [2, 3]]), np.array([-1, 0, 1])
@@ -44,6 +44,21 @@ def test_pose_parameters_come_back_from_the_pose(d: int, size: float, rng: np.ra
     x = rng.normal(size=(4, d))
     expected = np.concatenate([x, theta.reshape(4, -1)], axis=1)
     np.testing.assert_allclose(encoded(ParameterEncoding(torch.as_tensor(P), d), x, B), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("size", [np.pi, np.pi - 1e-7])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_half_a_turn_is_one_either_way(d: int, size: float, dtype: torch.dtype, rng: np.random.Generator) -> None:
+    B = poses(d, angles(d, size, rng)).to(dtype)
+    theta = local_angles(B, torch.as_tensor(P)).double().numpy()
+    np.testing.assert_allclose(np.linalg.norm(theta, axis=-1), np.pi, atol=2e-3)
+    np.testing.assert_allclose(rotation_matrices(theta), local_matrices(B.double().numpy(), d), atol=2e-3)
+
+
+def local_matrices(B: np.ndarray, d: int) -> np.ndarray:
+    R = B[..., :d, :d]
+    return np.stack([R[:, b] if P[b] < 0 else np.linalg.inv(R[:, P[b]]) @ R[:, b] for b in range(3)], axis=1)
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -69,8 +69,8 @@ def test_the_losses_where_there_is_nothing_to_choose(d: int, factor: float, rng:
     inside = occupancy(nilbs, loss)
     expected = -torch.log(inside if loss.inside.item() else 1 - inside).squeeze()
     torch.testing.assert_close(loss(rng), factor * expected)
-    _, squared = term(d, frames=1, points=1, factor=factor, squared=True)
-    torch.testing.assert_close(squared(rng), factor * ((inside - loss.inside) ** 2).squeeze())
+    _, absolute = term(d, frames=1, points=1, factor=factor, absolute=True)
+    torch.testing.assert_close(absolute(rng), factor * (inside - loss.inside).abs().squeeze())
 
 
 def test_the_field_learns_from_it(rng: np.random.Generator) -> None:

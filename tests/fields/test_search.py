@@ -195,7 +195,7 @@ def test_the_answers_of_the_fixed_point_count_their_look_ups(d: int, rng: np.ran
     ask = field.posed(B, "fixed-point")
     with torch.no_grad():
         answer = ask(torch.as_tensor(posed(points(d, 300, rng), B)))
-    assert ask.evaluations == 7 * 300
+    assert ask.evaluations == 22 * 300  # the network once, 20 steps, and where they end
     assert answer.logit.shape == (300,)
     assert (answer.distance < 0).eq(answer.logit > 0).all()
 

@@ -47,7 +47,7 @@ class Pretender:
             model = self.store.model(job.key)
             model.parent.mkdir(parents=True, exist_ok=True)
             model.write_bytes(b"model")
-            result |= {"stamp": f"{job.key} {len(self.did)}", "seconds": 120.0, "steps": 100}
+            result |= {"stamp": f"{job.key} {len(self.did)}", "seconds": 120.0, "steps": 100, "resumed": False}
         elif job.kind == SCORE:
             result["scores"] = made_up_scores(job)
         elif job.kind == "twist":

@@ -30,7 +30,7 @@ def test_a_stop_leaves_tables_and_says_how_to_go_on(tmp_path, capsys, monkeypatc
     monkeypatch.setattr("nilbs.study.runner.Worker.__call__", stopped)
     assert main(["study", "--out", str(tmp_path), "--quick"]) == 130
     assert "the same command goes on from here" in capsys.readouterr().err
-    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == set(FILES)
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {*FILES, "lock"}
 
 
 def test_failed_jobs_are_told_and_the_status_is_two(tmp_path, capsys, monkeypatch) -> None:
