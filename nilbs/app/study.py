@@ -73,9 +73,10 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.io import check_writable
     from nilbs.study.characters import available
     from nilbs.study.outputs import FILES, command_line, cores, write_outputs
-    from nilbs.study.plan import full_scale, plan, quick_scale
+    from nilbs.study.plan import plan
     from nilbs.study.runner import Worker, estimate
     from nilbs.study.runner import run as run_jobs
+    from nilbs.study.scale import full_scale, quick_scale
     from nilbs.study.store import Store
 
     for option, value in (("--minutes", args.minutes), ("--seeds", args.seeds)):

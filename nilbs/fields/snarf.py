@@ -1,6 +1,5 @@
 """SNARF: occupancy at rest, looked up at every rest point that learned forward skinning sends to the posed point."""
 
-from itertools import pairwise
 from math import pi
 from typing import NamedTuple
 
@@ -14,16 +13,15 @@ from nilbs.fields.cramer import cramer
 from nilbs.fields.encoding import ParameterEncoding
 from nilbs.fields.field import Field
 from nilbs.fields.forward import affine
+from nilbs.fields.told_network import ToldNetwork
 
 # Lengths are in units of the body's longest edge.
 CONVERGED = 1e-5  # a root's image misses by less
 DIVERGED = 1.0  # a search that misses by more is given up
 SAME = 1e-3  # roots this near to each other are one
-SHARPNESS = 100.0  # of the activation: the larger, the more it is like a ramp with a corner
 WEIGHT_SHARPNESS = 20.0  # of the softmax of the weights
 BLEND = 5.0  # of the softmax over the roots while training
 RADIUS = 0.5  # of the sphere that the occupancy network begins as
-SUMMARY = 8  # numbers that the pose parameters are summed up in
 LIMIT = 60.0  # logits are held between this and its negative, so that no occupancy is 0 or 1 to the last digit
 OUTSIDE = -16.0  # logit of points without a root
 WEIGHT_FACTOR = 10.0  # of the loss of weights at joints, in terms of that of occupancy on bones
@@ -91,9 +89,9 @@ class SnarfField(Field):
         super().__init__()
         b, d = centers.shape
         self.encoding = ParameterEncoding(P, d)
-        self.occupancy = _Network(d, 1, width, depth, shared=self.encoding.size - d)
+        self.occupancy = ToldNetwork(d, 1, width, depth, shared=self.encoding.size - d)
         self.occupancy.start_round(RADIUS)
-        self.weight = _Network(d, b, weight_width, weight_depth)
+        self.weight = ToldNetwork(d, b, weight_width, weight_depth)
         self.iterations = iterations
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:
@@ -350,75 +348,6 @@ class SnarfBoneTerm:
         outside = nn.functional.softplus(-logit).mean()
         missed = (self.field.weights(self.start) - self.W).square().mean()
         return self.factor * (outside + WEIGHT_FACTOR * missed)
-
-
-class _Network(nn.Module):
-    """Multilayer perceptron on points, told in the middle of a few numbers that many points share.
-
-    Parameters
-    ----------
-    d, outputs : int
-        Coordinates of a point, and outputs.
-    width, depth : int
-        Units of a hidden layer, and number of linear layers.
-    shared : int
-        How many numbers are shared.
-    """
-
-    def __init__(self, d: int, outputs: int, width: int, depth: int, *, shared: int = 0) -> None:
-        super().__init__()
-        if depth < 2:
-            raise ValueError(f"a network needs at least 2 layers, got {depth}")
-        self.told = depth // 2
-        sizes = [d, *([width] * (depth - 1)), outputs]
-        self.layers = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
-        self.summary = nn.Linear(shared, SUMMARY, bias=False) if shared else None
-        self.entry = nn.Linear(SUMMARY, sizes[self.told + 1], bias=False) if shared else None
-
-    @property
-    def linear(self) -> list[nn.Linear]:
-        """The layers from point to output."""
-        return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
-
-    def forward(self, x: Tensor, shared: Tensor | None = None, which: Tensor | None = None) -> Tensor:
-        """Outputs at points (..., d), each with the row of the shared numbers that `which` tells."""
-        hidden = x
-        for i, layer in enumerate(self.layers):
-            hidden = layer(_activation(hidden) if i else hidden)
-            if i == self.told and self.summary is not None and self.entry is not None:
-                hidden = hidden + self.entry(self.summary(shared))[which]
-        return hidden
-
-    def derivative(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Outputs (m, o) at points (m, d), and their derivatives (m, d, o), of a network without shared numbers."""
-        first, *others = self.linear
-        hidden, slope = first(x), first.weight.T.expand(len(x), -1, -1)
-        for layer in others:
-            gate = torch.sigmoid(SHARPNESS * hidden)
-            slope = slope * (gate * (1 + SHARPNESS * hidden * (1 - gate)))[:, None]
-            hidden, slope = layer(hidden * gate), slope @ layer.weight.T
-        return hidden, slope
-
-    def start_round(self, radius: float) -> None:
-        """Set the parameters so that the output is about the depth below a sphere's surface [1]_, negative outside.
-
-        References
-        ----------
-        .. [1] Atzmon and Lipman, SAL: Sign Agnostic Learning of Shapes from Raw Data, CVPR 2020, arXiv:1911.10414.
-        """
-        *hidden, last = self.linear
-        for layer in hidden:
-            nn.init.normal_(layer.weight, 0, (2 / layer.out_features) ** 0.5)
-            nn.init.zeros_(layer.bias)
-        nn.init.normal_(last.weight, -((pi / last.in_features) ** 0.5), 1e-4)
-        nn.init.constant_(last.bias, radius)
-        if self.entry is not None:
-            nn.init.zeros_(self.entry.weight)
-
-
-def _activation(h: Tensor) -> Tensor:
-    """A smooth ramp, h sigmoid(100 h)."""
-    return nn.functional.silu(SHARPNESS * h) / SHARPNESS
 
 
 def _rows(B: Tensor) -> Tensor:

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from nilbs.figures.canvas import sheet, write_png
-from nilbs.study.plan import SWEEP_SETS
 from nilbs.study.results import Score, series
+from nilbs.study.scale import SWEEP_SETS
 
 # Okabe and Ito's colours, told apart by readers of any colour vision; the line's style tells what is left.
 _LINES = {

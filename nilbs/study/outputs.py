@@ -20,8 +20,9 @@ from nilbs.study.characters import SOURCES
 from nilbs.study.curves import sweep_curves, twist_curve
 from nilbs.study.jobs import FAILURES, TWIST, Plan
 from nilbs.study.pages import Page, Picture, html, markdown
-from nilbs.study.plan import Scale
+from nilbs.study.scale import Scale
 from nilbs.study.store import Store, finite
+from nilbs.study.tables import study_tables
 
 FILES = ("study.json", "scores.csv", "study.md", "study.html")
 COLUMNS = ("part", "character", "method", "value", "seed", "poses", "score", "mean", "worst")
@@ -64,7 +65,7 @@ def write_outputs(
     """
     titles = {name: source.title for name, source in SOURCES.items()}
     known = results.scores(plan, store)
-    tables = results.tables(plan, store, titles)
+    tables = study_tables(plan, store, titles)
     failed, unfinished = results.failed(plan, store), results.unfinished(plan, store)
     machine = machine_facts() | {"jobs_at_once": lanes, "threads": threads}
     minutes = results.wall_minutes(plan, store)

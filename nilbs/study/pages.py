@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 
-from nilbs.study.results import Cell, Table
+from nilbs.study.tables import Cell, Table
 
 HEADINGS = {
     "methods": "Accuracy by pose set",

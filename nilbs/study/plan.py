@@ -2,49 +2,23 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from functools import cache
 from hashlib import sha256
 from typing import Any
 
-from nilbs.settings import FRAMES, MAPPINGS, METHODS, NOISE, POINTS, RESOLUTION, Settings
+from nilbs.settings import MAPPINGS, METHODS, NOISE, POINTS, RESOLUTION, Settings
 from nilbs.study.characters import SOURCES
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Builder, Entry, Job, Plan
+from nilbs.study.scale import ABLATIONS, TRAINED, Scale
 
 # Raised where trainings or scores change and no setting tells.
 RECIPE = 1
-POSE_SETS = ("seen", "interpolated", "unseen", "far")
-SWEEP_SETS = ("unseen", "far")
-# What is trained: the settings that make a method of the name.
-TRAINED: Mapping[str, Mapping[str, Any]] = {
-    "nilbs": {},
-    "paper": {"supervision": "paper", "mapping": "inverse"},
-    "nasa": {"method": "nasa"},
-    "nasa-rigid": {"method": "nasa-rigid"},
-    "snarf": {"method": "snarf"},
-    "mlp": {"method": "mlp"},
-}
 # Other ways of the trained default field to its rest images, and rows that learn nothing.
 OTHER_MAPPINGS = tuple(name for name in MAPPINGS if name != "search")
 UNLEARNED = ("nearest", "rigid-parts", "floor", "mesh-lbs")
 # Rows of the default model's first seed whose surfaces are scored too.
 SURFACE_ROWS = ("floor", "inverse", "nearest")
-ABLATIONS: Mapping[str, Mapping[str, Any]] = {
-    "default": {},
-    "no ghost bone": {"ghost": False},
-    "pose parameters instead of local coordinates": {"encoding": "parameters"},
-    "forward weights in a network": {"forward": "network"},
-    "no occupancy loss": {"occupancy_loss": 0.0},
-    "no weight loss": {"weight_loss": 0.0},
-    "no position loss": {"position_loss": 0.0},
-    "no random poses": {"random_pose_std": 0.0},
-    "no adaptive sampling": {"adaptive": False},
-    "the paper's supervision": {"supervision": "paper"},
-    "rest weights on 64 cells": {"weight_resolution": 64},
-    "rest weights on 96 cells": {"weight_resolution": 96},
-    "rest distance on 256 cells": {"cache_resolution": 256},
-    "rest distance on 128 cells": {"cache_resolution": 128},
-}
 # What asks every bone for every point takes too long on a rig with so many, and for surfaces.
 MANY_BONES = ("makehuman",)
 ASKS_ALL_BONES = ("snarf", "all-bones")
@@ -57,8 +31,6 @@ SPARED = {
 }
 ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")  # the same, without a search from each
 SURFACE_SETS = ("seen", "unseen")
-
-
 # Seconds a pose on one thread, measured on the elephant: the truth and both point sets; the points of a row; its
 # surface at 128 cells; distances. The first two grow with the bones where all of them are asked.
 _TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.0, 2.0, 5.0
@@ -84,107 +56,6 @@ _ALL_SURFACES = ("elephant", "gingerbread-2d")
 _BONES = {"gingerbread-2d": 13, "gingerbread-3d": 13, "arm": 4, "elephant": 24, "makehuman": 163}
 
 
-@dataclass(frozen=True)
-class Scale:
-    """How much is done.
-
-    Attributes
-    ----------
-    characters : mapping of str to int
-        Characters of the part `methods`, with their numbers of seeds.
-    sweep : str, optional
-        The character of all other parts; None where it is missing.
-    minutes : mapping of str to float
-        Training time by character in the part `methods`; empty where `settings` tell the steps.
-    sweep_minutes : float, optional
-        Training time in sweeps; None where `settings` tell the steps.
-    settings : mapping
-        Settings of every training.
-    points, resolution : int
-        Of scores.
-    poses, sweep_poses : tuple of str
-        Pose sets of the part `methods`, and of sweeps.
-    training_frames : int
-        Frames of every training but those of the part `frames`.
-    frames, amplitudes, times, noises : tuple
-        Numbers of training poses, standard deviations in rad, training minutes, factors of the surface noise.
-    ablations : tuple of str
-        Of `ABLATIONS`.
-    twist : mapping
-        Arguments of `nilbs.study.twist.twist_table` and of `nilbs.study.failures.failure_figures`.
-    """
-
-    characters: Mapping[str, int]
-    sweep: str | None
-    minutes: Mapping[str, float]
-    sweep_minutes: float | None
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    points: int = POINTS
-    resolution: int = RESOLUTION
-    poses: tuple[str, ...] = POSE_SETS
-    sweep_poses: tuple[str, ...] = SWEEP_SETS
-    training_frames: int = FRAMES
-    frames: tuple[int, ...] = (1, 3, 10, 30, 100)
-    amplitudes: tuple[float, ...] = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
-    times: tuple[float, ...] = (0.25, 0.5, 1, 2, 5)
-    noises: tuple[int, ...] = (1, 2, 3, 4)
-    ablations: tuple[str, ...] = tuple(ABLATIONS)
-    twist: Mapping[str, Any] = field(default_factory=dict)
-
-
-def full_scale(names: Sequence[str], *, minutes: float, seeds: int) -> Scale:
-    """The study as it is meant.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Characters that are there.
-    minutes : float
-        Training time of the elephant and of MakeHuman's body; two fifths of it in sweeps, a fifth of it elsewhere.
-    seeds : int
-        Of the gingerbread men and the elephant; one for the others and in sweeps.
-    """
-    several = ("gingerbread-2d", "gingerbread-3d", "elephant")
-    return Scale(
-        characters={name: seeds if name in several else 1 for name in names},
-        sweep="elephant" if "elephant" in names else None,
-        minutes={name: minutes * (1.0 if name in ("elephant", "makehuman") else 0.2) for name in names},
-        sweep_minutes=0.4 * minutes,
-        twist={"minutes": 0.4 * minutes, "resolution": RESOLUTION},
-    )
-
-
-def quick_scale() -> Scale:
-    """Everything once, so small that it takes seconds; its numbers mean nothing."""
-    return Scale(
-        characters={"gingerbread-2d": 1, "gingerbread-3d": 1},
-        sweep="gingerbread-2d",
-        minutes={},
-        sweep_minutes=None,
-        settings={
-            "steps": 5,
-            "width": 16,
-            "depth": 3,
-            "poses_per_step": 4,
-            "points_per_pose": 64,
-            "samples_per_frame": 400,
-            "cache_resolution": 32,
-            "weight_resolution": 32,
-        },
-        points=100,
-        resolution=8,
-        poses=("seen", "unseen"),
-        sweep_poses=("unseen",),
-        training_frames=2,
-        frames=(1, 2),
-        amplitudes=(0.4,),
-        times=(0.002,),
-        noises=(1, 3),
-        ablations=("default", "no ghost bone"),
-        twist={"resolution": 16, "degrees": (0, 150)},
-    )
-
-
 def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
     """All jobs of the study, in the order of `PARTS`.
 
@@ -200,6 +71,7 @@ def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
 
     Examples
     --------
+    >>> from nilbs.study.scale import full_scale
     >>> study = plan(full_scale(["gingerbread-2d"], minutes=5, seeds=3))
     >>> study.jobs[0].key, study.missing[0]
     ('gingerbread-2d/nilbs/seed0', 'the sweeps are left out: they are of the elephant')

@@ -159,11 +159,11 @@ def test_one_search_alone_misses_what_all_bones_find(d: int, rng: np.random.Gene
     x = torch.as_tensor(posed(x_rest, B))
     found, asked = {}, {}
     with torch.no_grad():
-        for mapping in ("search", "one-search", "all-bones"):
+        for mapping in ("search", "parts", "one-search", "all-bones"):
             ask = field.posed(B, mapping)
             found[mapping] = (ask(x).logit > 0).double().mean()
             asked[mapping] = ask.evaluations / ask.queries
-    assert found["search"] == found["all-bones"] == 1
+    assert found["search"] == found["parts"] == found["all-bones"] == 1
     assert found["one-search"] < 0.99
     assert asked["one-search"] < asked["search"]
     assert asked["all-bones"] >= 2  # every bone is begun from, wherever the first led

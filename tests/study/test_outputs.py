@@ -9,12 +9,14 @@ from xml.etree import ElementTree
 import pytest
 
 from nilbs.settings import MAPPINGS
-from nilbs.study import results
+from nilbs.study import results, tables
 from nilbs.study.outputs import FILES, write_outputs
 from nilbs.study.pages import Page, Picture, html, markdown
-from nilbs.study.plan import full_scale, plan, quick_scale
-from nilbs.study.results import Cell, Score, Table, series, summary
+from nilbs.study.plan import plan
+from nilbs.study.results import Score, series, summary
 from nilbs.study.runner import run
+from nilbs.study.scale import full_scale, quick_scale
+from nilbs.study.tables import Cell, Table, study_tables
 
 TITLES = {"gingerbread-2d": "flat man", "elephant": "elephant"}
 
@@ -35,7 +37,7 @@ def table(tables: list[Table], start: str) -> dict[str, dict[str, Cell]]:
 
 
 def test_means_and_spreads_over_seeds(done, store) -> None:
-    rows = table(results.tables(done, store, TITLES), "elephant")
+    rows = table(study_tables(done, store, TITLES), "elephant")
     # 0.90, 0.89, 0.88.
     assert rows["nilbs"]["seen: surface IoU"].text == "0.8900 ± 0.0100"
     assert rows["inverse"]["seen: surface IoU"].text == "0.7900 ± 0.0100"
@@ -46,8 +48,38 @@ def test_means_and_spreads_over_seeds(done, store) -> None:
     assert rows["nilbs"]["s for 100,000 points"].text == "0.50 ± 0.00"
 
 
+def test_the_time_of_a_training_that_was_continued_is_not_told(done, store) -> None:
+    training = done.by_key["elephant/nilbs/seed0"]
+    store.write(training, store.result(training) | {"resumed": True})
+    rows = table(study_tables(done, store, TITLES), "elephant")
+    assert rows["nilbs"]["training, s"].text == "120 ± 0"  # of the other two seeds
+    for seed in (1, 2):
+        training = done.by_key[f"elephant/nilbs/seed{seed}"]
+        store.write(training, store.result(training) | {"resumed": True})
+    rows = table(study_tables(done, store, TITLES), "elephant")
+    assert rows["nilbs"]["training, s"].text == "-"
+    assert rows["nilbs"]["steps"].text == "100 ± 0"
+
+
+def test_scores_of_a_training_that_was_repeated_are_not_shown(done, store) -> None:
+    training = done.by_key["elephant/nilbs/seed0"]
+    store.write(training, store.result(training) | {"stamp": "another"})
+    rows = table(study_tables(done, store, TITLES), "elephant")
+    assert rows["nilbs"]["seen: surface IoU"].text == "0.8850 ± 0.0050"
+    assert rows["nearest °"]["seen: surface IoU"].text == "-"
+
+
+def test_what_lies_within_the_spread_of_the_best_is_as_good(done, store) -> None:
+    def cells(**values: list[float]) -> dict[str, bool]:
+        rows = tables._rows(list(values), [[v] for v in values.values()], ["iou_bbox"], str)
+        return {name: row[0].best for name, row in rows}
+
+    assert cells(a=[0.9, 0.8], b=[0.81], c=[0.7]) == {"a": True, "b": True, "c": False}
+    assert cells(a=[0.85], b=[0.81], c=[0.7]) == {"a": True, "b": False, "c": False}
+
+
 def test_what_was_not_run_is_a_dash(done, store) -> None:
-    tables = results.tables(done, store, TITLES)
+    tables = study_tables(done, store, TITLES)
     rows = table(tables, "elephant")
     assert {cell.text for cell in rows["nasa"].values()} == {"-"}
     assert rows["rigid-parts °"]["seen: Chamfer, % of L"].text == "-"
@@ -70,7 +102,7 @@ def test_what_was_not_run_is_a_dash(done, store) -> None:
 
 
 def test_the_best_of_a_column_is_bold_and_the_truth_is_not_compared(done, store) -> None:
-    rows = table(results.tables(done, store, TITLES), "flat man")
+    rows = table(study_tables(done, store, TITLES), "flat man")
     best = {name for name, cells in rows.items() if cells["seen: surface IoU"].best}
     assert best == {"nilbs", "paper", "nasa", "nasa-rigid", "snarf", "mlp"}
     assert not any(cell.best for cell in rows["mesh-lbs °°"].values())
@@ -103,13 +135,13 @@ def test_series_take_one_pose_set_or_any() -> None:
 
 
 def test_distances(done, store) -> None:
-    rows = table(results.tables(done, store, TITLES), "Error of the distance")
+    rows = table(study_tables(done, store, TITLES), "Error of the distance")
     assert rows["elephant"]["far: read at rest"].text == "0.100"
     assert rows["flat man"]["far: corrected by the local stretch"].text == "0.030"
 
 
 def test_ablation_and_mappings(done, store) -> None:
-    tables = results.tables(done, store, TITLES)
+    tables = study_tables(done, store, TITLES)
     settings = table(tables, "Settings switched")
     assert settings["no ghost bone"]["unseen"].text == "0.9000"
     assert settings["no ghost bone"]["unseen, inverse map alone"].text == "0.8000"
@@ -134,7 +166,7 @@ def test_controls_are_the_most_wrong_of_all_scorings(done, store) -> None:
         for kind in ("perfect", "empty", "inverted")
         for name in ("iou_bbox", "iou_surface")
     }
-    rows = table(results.tables(done, store, TITLES), "Controls")
+    rows = table(study_tables(done, store, TITLES), "Controls")
     assert rows["elephant"]["perfect: iou_bbox"].text == "0.7500"
 
 

@@ -8,7 +8,8 @@ from nilbs.app import study as command
 from nilbs.settings import ROWS, Settings
 from nilbs.study.characters import SOURCES, available
 from nilbs.study.jobs import SCORE, TRAIN, Builder, Entry, Job
-from nilbs.study.plan import PARTS, SWEEPS, TRAINED, full_scale, plan, quick_scale
+from nilbs.study.plan import PARTS, SWEEPS, plan
+from nilbs.study.scale import TRAINED, full_scale, quick_scale
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,9 @@ from threading import Barrier, Timer
 import pytest
 
 from nilbs.study.jobs import TRAIN, Job, Plan
-from nilbs.study.plan import plan, quick_scale
+from nilbs.study.plan import plan
 from nilbs.study.runner import Stopped, Worker, run
+from nilbs.study.scale import quick_scale
 from nilbs.study.store import Store
 from nilbs.study.worker import do
 
