@@ -202,7 +202,8 @@ class Model:
         Returns
         -------
         x_rest : (n, d) float array
-            In mesh units. A point without a rest image has that of the inverse map.
+            In mesh units. A point without a rest image has the place where its first search began: by default the
+            inverse map's.
         """
         return self.posed(pose, mapping=mapping).rest_points(x)
 

@@ -211,12 +211,12 @@ def _candy_wrapper(model: "Model", path: Path, resolution: int) -> Failure:
         found = {"skinned mesh": (U, character.F, character.V)}
         for mapping in ("inverse", "reverse", "search"):
             posed = model.posed(pose, mapping=mapping)
-            V, F = posed.extract_on(grid)
-            found[mapping] = V, F, posed.rest_points(V)
+            U, F = posed.extract_on(grid)
+            found[mapping] = U, F, posed.rest_points(U)
         height = 0.54 * character.L
-        for panel, (name, (V, F, x_rest)) in zip(row, found.items(), strict=True):
-            draw_body(panel, view, V, F, values=_stripes(x_rest, character), colours=paint)
-            volume = told[name, degrees] = enclosed_volume(V, F) / rest
+        for panel, (name, (U, F, x_rest)) in zip(row, found.items(), strict=True):
+            draw_body(panel, view, U, F, values=_stripes(x_rest, character), colours=paint)
+            volume = told[name, degrees] = enclosed_volume(U, F) / rest
             label = {"inverse": "inverse map", "reverse": "reverse map", "search": "root search"}.get(name, name)
             middle = view.project((character.V.min(axis=0) + character.V.max(axis=0)) / 2)
             half = np.array([0.34 * character.L, height])
@@ -302,9 +302,9 @@ def _self_contact(model: "Model", path: Path) -> Failure:
 def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Generator) -> Failure:
     character = model.character
     pose = _turned(character, 1, np.array([-BEND]))[0]
-    U = character.skin(pose)
-    cache, grid = Grid.box(character.V, model.settings.cache_resolution).spacing, Grid.cube(U, resolution)
-    V, F = model.posed(pose).extract_on(grid)
+    U_true = character.skin(pose)
+    cache, grid = Grid.box(character.V, model.settings.cache_resolution).spacing, Grid.cube(U_true, resolution)
+    U, F = model.posed(pose).extract_on(grid)
     asked, extracted = [], []
     for fin in range(len(FINS)):
         low, high = _fin_base(fin)
@@ -312,19 +312,19 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
         x_rest = np.column_stack([rng.uniform(low, high, FIN_POINTS) + SLANT * y, y])
         x = linear_blend_skinning(x_rest, _bar_weights(x_rest), pose)
         asked.append(float(np.mean(model.occupancy(x, pose) > 0.5)))
-        extracted.append(float(np.mean(occupancy(V, F, x))) if len(F) else 0.0)
+        extracted.append(float(np.mean(occupancy(U, F, x))) if len(F) else 0.0)
 
     figure, panels = sheet(2, 2, title="Fins that are as thin as the grids' cells", width=4.6, height=3.0, beside=0.1)
     truth, field, surface, chart = panels.ravel()
     view = View.front(character.V)
-    section = Section.through(view, U, scale=1.05, pixels=FIN_PIXELS)
-    lower, upper = view.project(U).min(axis=0), view.project(U).max(axis=0)
+    section = Section.through(view, U_true, scale=1.05, pixels=FIN_PIXELS)
+    lower, upper = view.project(U_true).min(axis=0), view.project(U_true).max(axis=0)
     margin = 0.03 * section.edge
     inside = model.occupancy(section.points(), pose) > 0.5
-    draw_body(truth, view, U, character.F)
+    draw_body(truth, view, U_true, character.F)
     colours = np.array([to_rgb(OUTSIDE), to_rgb(BODY)])[inside.astype(int)]
     field.imshow(section.image(colours), origin="lower", extent=section.extent, interpolation="antialiased")
-    draw_body(surface, view, V, F)
+    draw_body(surface, view, U, F)
     titles = (
         "skinned mesh",
         f"field, asked at {section.pixels} × {section.pixels} pixels",

@@ -27,6 +27,10 @@ PROTOCOL = (
     "Chamfer distance is exact from samples of one surface to the other surface, both ways, on a surface that was "
     "extracted on the grid named below; where a body overlaps itself, the skin inside it is part of the true mesh and "
     "of no reconstruction, which the row floor shows.",
+    "Surfaces are looked for in blocks of four cells: by a method that knows distances where one says that the surface "
+    "may be, by the others (NASA, SNARF, the MLP) in blocks whose corners lie on both sides, and beside those.",
+    "Weight lookups count evaluations of skinning weights for a query, on a grid or by a network, the network's answer "
+    "that a search begins at included.",
     "Pose sets, ten poses each: seen, training frames; interpolated, the middles between neighbouring training "
     "frames; unseen and far, random poses whose joints turn by angles of 0.28 and 0.8 rad standard deviation.",
     "The seed is that of the training, of random training motion, and of all that the scores draw; all methods with "
