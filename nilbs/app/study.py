@@ -3,12 +3,8 @@
 import argparse
 
 from nilbs.app.options import add_json, positive, whole
+from nilbs.study.plan import PARTS
 
-# As in nilbs.study.plan, which is not imported for --help.
-PARTS = (
-    "controls", "methods", "surfaces", "distance", "noise", "amplitude", "ablation", "frames", "time", "twist",
-    "failures",
-)  # fmt: skip
 MINUTES, SEEDS = 5.0, 3
 
 
@@ -55,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--only",
         nargs="+",
         choices=PARTS,
-        default=PARTS,
+        default=tuple(PARTS),
         metavar="PART",
         help=f"run only these parts, of {', '.join(PARTS)}; the tables show all that is known",
     )

@@ -1,7 +1,6 @@
 """`nilbs train`: fit a field to a rigged mesh and its motion, and write it as one file."""
 
 import argparse
-import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -93,6 +92,7 @@ def run(args: argparse.Namespace) -> None:
     given = None if args.motion is None else motion_of_file(args, rigged.skeleton).take(args.frames)
     # Torch takes seconds to import: files that do not fit are told before.
     from nilbs.fitting import fit, remove_checkpoint
+    from nilbs.memory import peak_memory_mib
     from nilbs.model import torch_device
 
     device = torch_device(args.device)
@@ -157,15 +157,6 @@ def chosen_settings(args: argparse.Namespace) -> Settings:
                 f"--set {given}: {name} must be of type {kind.__name__}, such as {getattr(default, name)}"
             ) from None
     return Settings(**{name: value for name, value in own.items() if value is not None}, **others)
-
-
-def peak_memory_mib() -> float | None:
-    """The most memory that this process has held, in MiB; None where the system does not tell."""
-    try:
-        from resource import RUSAGE_SELF, getrusage
-    except ImportError:  # Windows
-        return None
-    return getrusage(RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 def _random_motion(args: argparse.Namespace, character: "Character") -> "Motion":

@@ -9,6 +9,8 @@ from nilbs.geometry.validation import arrays, check_indices
 
 # The F-score counts a sample as reached within this part of the unit.
 _F_SCORE_DISTANCE = 0.01
+# Scores that are best where they are largest.
+HIGHER_IS_BETTER = ("iou_bbox", "iou_surface", "normal_consistency", "f_score", "watertight")
 
 
 def intersection_over_union(predicted: np.ndarray, true: np.ndarray) -> float:

@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from nilbs.settings import FRAMES, POINTS, RESOLUTION
+from nilbs.settings import FRAMES, POINTS, POSE_SETS, RESOLUTION
 
-POSE_SETS = ("seen", "interpolated", "unseen", "far")
 SWEEP_SETS = ("unseen", "far")
 # What is trained: the settings that make a method of the name.
 TRAINED: Mapping[str, Mapping[str, Any]] = {

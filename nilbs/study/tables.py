@@ -4,17 +4,17 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nilbs.geometry.metrics import HIGHER_IS_BETTER
+from nilbs.settings import POSE_SETS
 from nilbs.study.jobs import SCORE, TWIST, Entry, Plan
 from nilbs.study.plan import OTHER_MAPPINGS, SWEEPS, UNLEARNED
 from nilbs.study.results import Score, controls, number, others, scores, series, summary
-from nilbs.study.scale import ABLATIONS, POSE_SETS, SWEEP_SETS, TRAINED
+from nilbs.study.scale import ABLATIONS, SWEEP_SETS, TRAINED
 from nilbs.study.store import Store
 
 # Rows that are the truth itself, and best by definition.
 TRUTH = ("mesh-lbs", "floor")
 METHOD_ORDER = ("nilbs", *OTHER_MAPPINGS, *(name for name in TRAINED if name != "nilbs"), *UNLEARNED)
-# Scores that are best where they are largest.
-HIGHER_IS_BETTER = ("iou_bbox", "iou_surface", "normal_consistency", "f_score", "watertight")
 _SURFACE_SCORES = ("chamfer_l1", "p95", "hausdorff", "normal_consistency", "f_score", "components", "watertight")
 # What a column is called, and its digits after the point.
 _SHORT = {

@@ -16,6 +16,7 @@ from pathlib import Path
 from time import perf_counter, sleep
 from typing import Any
 
+from nilbs.memory import peak_memory_mib
 from nilbs.study.characters import motion_of, prepared
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Job
 from nilbs.study.store import Store
@@ -107,7 +108,7 @@ def _train(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
         "bones": len(character.BE),
         "vertices": len(character.V),
         "file_bytes": path.stat().st_size,
-        "peak_memory_mib": _peak_memory_mib(),
+        "peak_memory_mib": peak_memory_mib(),
     }
 
 
@@ -184,14 +185,6 @@ def _stamp(job: Job, store: Store) -> str | None:
     assert job.needs is not None
     training = store.result(Job(job.needs, TRAIN, job.spec["of"]))
     return None if training is None else str(training["stamp"])
-
-
-def _peak_memory_mib() -> float | None:
-    try:
-        from resource import RUSAGE_SELF, getrusage
-    except ImportError:  # Windows
-        return None
-    return getrusage(RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 def _tell(line: str) -> None:

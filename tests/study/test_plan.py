@@ -4,7 +4,6 @@ from dataclasses import fields
 
 import pytest
 
-from nilbs.app import study as command
 from nilbs.settings import ROWS, Settings
 from nilbs.study.characters import SOURCES, available
 from nilbs.study.jobs import SCORE, TRAIN, Builder, Entry, Job
@@ -140,7 +139,3 @@ def test_two_jobs_of_one_name_are_refused() -> None:
         builder.job(Job("a", "twist", {"seed": 1}))
     builder.entry(Entry("twist", "", "", 0, "a"))
     assert [job.key for job in builder.plan().jobs] == ["a"]
-
-
-def test_the_command_names_the_parts_that_there_are() -> None:
-    assert set(command.PARTS) == set(PARTS)
