@@ -8,7 +8,7 @@ from nilbs.fields.forward import affine
 # Edge of a posed cell in cells at rest: wide enough that a body stretched to twice its length leaves none empty.
 CELL = 2.5
 # In units of the body's longest edge: rest places this far apart are of different parts.
-APART = 0.05
+APART = 0.03
 PARTS = 6  # the most parts told of one cell
 # The most cells along an edge of the grid around the posed body, however far a pose stretches it.
 CELLS = 128
@@ -18,12 +18,12 @@ class Overlap:
     """Parts of the body in the cells of a grid around it, for one pose.
 
     Nodes of the rest grid are posed once and sorted into cells; of the nodes in a cell a few stay that lie apart at
-    rest. Where the body does not overlap itself that is one.
+    rest. Where the body neither overlaps nor folds itself that is one.
 
     Parameters
     ----------
     x_rest : (s, d) tensor
-        Nodes in the body and just beyond its skin.
+        Nodes in the body and just beyond its skin; of those that lie near each other the first is told.
     blends : (s, d (d+1)) tensor
         Their blended transforms.
     spacing : float

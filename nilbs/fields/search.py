@@ -40,7 +40,7 @@ class SearchField(Field):
         Where given, the search goes on its weights, and those on the grid only say which parts lie where.
     """
 
-    body: Tensor  # nodes of the forward field in the body and just beyond its skin
+    body: Tensor  # nodes of the forward field in the body and just beyond its skin, the deepest first
 
     def __init__(
         self, inverse: NilbsField, forward_field: ForwardField, forward_network: ForwardNetwork | None = None
@@ -48,9 +48,11 @@ class SearchField(Field):
         super().__init__()
         self.inverse, self.forward_field, self.forward_network = inverse, forward_field, forward_network
         places = forward_field.nodes()
-        near = inverse.cache.distance(places.to(inverse.cache.values)) < BEYOND * forward_field.spacing
-        # What the grids tell is not kept in a file a second time.
-        self.register_buffer("body", torch.nonzero(near)[:, 0], persistent=False)
+        distance = inverse.cache.distance(places.to(inverse.cache.values))
+        near = torch.nonzero(distance < BEYOND * forward_field.spacing)[:, 0]
+        # The deepest first, for a search from them ends inside if any does. What the grids tell is not kept in a file a
+        # second time.
+        self.register_buffer("body", near[torch.argsort(distance[near], stable=True)], persistent=False)
 
     @property
     def skinning(self) -> ForwardMap:

@@ -10,7 +10,7 @@ from nilbs.fields.fixed_point import fixed_point
 from nilbs.fields.forward import ForwardField, packed_weights
 from nilbs.fields.network import WeightNetwork
 from nilbs.fields.nilbs import NilbsField
-from nilbs.fields.overlap import Overlap
+from nilbs.fields.overlap import APART, Overlap
 from nilbs.fields.search import SearchField
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
@@ -140,8 +140,23 @@ def test_parts_that_lie_at_a_place_are_told_once_each(d: int, rng: np.random.Gen
     assert (x - asked).norm(dim=-1).max() < np.sqrt(d) * ask.overlap.edge + 1e-9
     both = found[:, 1]
     assert both.double().mean() > 0.9
-    assert ((parts[both, 0] - parts[both, 1]).norm(dim=-1) > 0.05).all()
+    assert ((parts[both, 0] - parts[both, 1]).norm(dim=-1) > APART).all()
     assert ask.overlap(torch.full((3, d), 9.0, dtype=torch.float64)).isnan().all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_first_part_told_is_the_deepest_of_its_cell(d: int, rng: np.random.Generator) -> None:
+    field, B = rod(d), bent(d, 0.0)
+    told = field.posed(B)
+    x = torch.as_tensor(points(d, 20, rng))
+    nodes = field.forward_field.nodes()[field.body]
+
+    def cell(place: torch.Tensor) -> torch.Tensor:
+        return ((place - told.overlap.origin) / told.overlap.edge).floor()
+
+    for place, first in zip(x, told.overlap(x)[:, 0], strict=True):
+        around = nodes[(cell(nodes) == cell(place)).all(dim=-1)]
+        assert field.inverse.cache.distance(first[None]) == field.inverse.cache.distance(around).min()
 
 
 @pytest.mark.parametrize("d", [2, 3])
