@@ -170,11 +170,10 @@ def _nilbs_terms(field: Field, scene: Scene) -> list[Term]:
 
 def _rest_samples(scene: Scene) -> RestSamples:
     c, settings = scene.character, scene.settings
-    V = at_rest(c, c.V)
     if settings.supervision == "paper":
-        return surface_samples(V, c.W)
+        return surface_samples(*_skin(c))
     return volume_samples(
-        V,
+        at_rest(c, c.V),
         c.F,
         c.W,
         at_rest(c, c.V_volume),
@@ -191,7 +190,8 @@ def _nasa_terms(field: Field, scene: Scene) -> list[Term]:
     c, settings = scene.character, scene.settings
     if not settings.weight_loss:
         return []
-    return [NasaWeightTerm(field, at_rest(c, c.V), c.W, scene.poses, factor=settings.weight_loss, **_batch(settings))]
+    V, W = _skin(c)
+    return [NasaWeightTerm(field, V, W, scene.poses, factor=settings.weight_loss, **_batch(settings))]
 
 
 def _snarf_terms(field: Field, scene: Scene) -> list[Term]:
@@ -200,6 +200,12 @@ def _snarf_terms(field: Field, scene: Scene) -> list[Term]:
     if not settings.weight_loss:
         return []
     return [SnarfBoneTerm(field, at_rest(c, c.C), c.BE, c.P, factor=settings.weight_loss)]
+
+
+def _skin(character: Character) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices of the surface at rest and their weights; in the plane a mesh has others inside."""
+    on = np.unique(character.F)
+    return at_rest(character, character.V[on]), character.W[on]
 
 
 def _batch(settings: Settings) -> dict[str, int]:

@@ -1,6 +1,7 @@
 """What every test may ask for: a seeded generator, small characters and models, and shared data where there is any."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,6 +61,38 @@ def models(characters: "dict[int, Character]") -> "dict[int, Model]":
     from nilbs.motion import random_motion
 
     return {d: fit(c, random_motion(c, frames=6), device="cpu", steps=30, **SMALL) for d, c in characters.items()}
+
+
+@pytest.fixture
+def saved(models: "dict[int, Model]", tmp_path: Path) -> dict[int, Path]:
+    """By dimension: the file of a model."""
+    for d, model in models.items():
+        model.save(tmp_path / f"{d}.nilbs")
+    return {d: tmp_path / f"{d}.nilbs" for d in models}
+
+
+@pytest.fixture
+def rigid(rng: np.random.Generator) -> Callable[..., np.ndarray]:
+    """A random rigid transform (d+1, d+1) of a dimension."""
+    from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
+
+    def transform(d: int, *, far: float = 1.0) -> np.ndarray:
+        return rigid_transforms(rotation_matrices(rng.normal(size=3 if d == 3 else 1)), far * rng.normal(size=d))
+
+    return transform
+
+
+@pytest.fixture
+def queries(rng: np.random.Generator) -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    """Points around a posed character, and the pose."""
+    from nilbs.geometry.grids import Grid
+
+    def drawn(model: "Model", n: int) -> tuple[np.ndarray, np.ndarray]:
+        pose = model.motion[3]
+        cube = Grid.cube(model.character.skin(pose), 1)
+        return rng.uniform(cube.lower, cube.upper, (n, model.character.d)), pose
+
+    return drawn
 
 
 SMALL = {

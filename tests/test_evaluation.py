@@ -323,3 +323,34 @@ def test_rows_of_a_map_need_a_model_that_has_it(characters) -> None:
     model.settings = Settings(method="mlp")
     with pytest.raises(ValueError, match=r"^the row 'inverse' is of the method nilbs, and this model's is mlp$"):
         evaluate(model, rows=["inverse"])
+
+
+def test_distances_of_a_trained_model_and_of_its_maps(models) -> None:
+    options = {"points": 400, "resolution": 0, "distances": True, "poses": ["unseen"]}
+    values = evaluate(models[3], rows=["inverse", "floor"], **options).json()
+    own, inverse = values["poses"]["unseen"], values["rows"]["inverse"]["unseen"]
+    for name in ("distance_error", "posed_distance_error"):
+        # In % of L, at points within about 2 % of it from the skin.
+        assert 0 < own[name]["mean"] < 1
+        assert own[name]["mean"] < inverse[name]["mean"]
+    assert "distance_error" not in values["rows"]["floor"]["unseen"]
+
+
+def test_distances_are_those_of_the_method_that_has_them(characters, models) -> None:
+    message = r"^distances are compared for the method nilbs and its own rows only$"
+    model = stand_in(characters[2], "perfect")
+    model.settings = Settings(method="mlp")
+    with pytest.raises(ValueError, match=message):
+        evaluate(model, distances=True)
+    with pytest.raises(ValueError, match=message):
+        evaluate(models[2], distances=True, rows=["nearest"])
+
+
+def test_controls_are_asked_once_for_a_set_of_poses(characters, monkeypatch) -> None:
+    asked: list[int] = []
+    inside = MeshLbs.inside
+    monkeypatch.setattr(MeshLbs, "inside", lambda self, x: (asked.append(len(x)), inside(self, x))[1])
+    model = stand_in(characters[2], "perfect", frames=3)
+    evaluate(model, points=30, resolution=0, poses=["seen", "interpolated"])
+    # Two sets of points in five poses, by truth and prediction; and those of two poses once more.
+    assert asked == [30] * (2 * 2 * 5 + 2 * 2)

@@ -131,7 +131,7 @@ class NasaWeightTerm:
     field : NasaField
         What is trained.
     V, W : arrays
-        Rest vertices (n, d) and their skinning weights (n, b).
+        Vertices of the rest surface (n, d) and their skinning weights (n, b).
     poses : (t, b, d+1, d+1) tensor
         Poses to draw from, rest to posed.
     poses_per_step, points_per_pose : int

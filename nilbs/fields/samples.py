@@ -90,7 +90,7 @@ def occupancy_samples(
 
 
 def surface_samples(V: np.ndarray, W: np.ndarray) -> RestSamples:
-    """The rest vertices with their weights: the paper's own supervision."""
+    """Vertices of the rest surface with their weights: the paper's own supervision."""
     return RestSamples(V.astype(np.float32), W.astype(np.float32))
 
 
