@@ -14,7 +14,7 @@ demo: $(VENV)/.ready ## the gingerbread man from nothing to scores and pictures 
 	$(BIN)/nilbs demo --out out/demo
 
 test: $(VENV)/.ready-test lint ## lint, types and all tests, with the coverage of the two lower layers
-	$(BIN)/python -m pytest $(MARKS) --cov=nilbs --cov-report= 
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile $(MARKS) --cov=nilbs --cov-report=
 	$(BIN)/python -m coverage report --include='nilbs/geometry/*,nilbs/io/*' --fail-under=95
 
 lint: $(VENV)/.ready-test ## ruff and mypy

@@ -1,40 +1,27 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.cache import RestCache
-from nilbs.fields.encoding import LocalEncoding
-from nilbs.fields.network import WeightNetwork
+from nilbs.fields import occupancy_term
 from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.occupancy_term import OccupancyTerm
 from nilbs.fields.samples import OccupancySamples
-from nilbs.geometry.kinematics import forward_kinematics
-
-BE, P = np.array([[0, 1], [1, 2]]), np.array([-1, 0])
 
 
-def joints(d: int) -> np.ndarray:
-    return np.array([[0, 0, 0], [0.5, 0, 0], [1, 0.2, 0.1]])[:, :d]
+@pytest.fixture
+def term(chain) -> Callable[..., tuple[NilbsField, OccupancyTerm]]:
+    """A field, and its occupancy loss on a few labelled points."""
 
+    def made(d: int, *, frames: int = 3, points: int = 20, **changes) -> tuple[NilbsField, OccupancyTerm]:
+        rng = np.random.default_rng(4)
+        x, inside = rng.normal(size=(frames, points, d)).astype(np.float32), rng.random((frames, points)) < 0.5
+        nilbs = chain.field(d)
+        options = {"poses_per_step": 4, "points_per_pose": 6} | changes
+        return nilbs, OccupancyTerm(nilbs.logit, chain.motion(d, frames), OccupancySamples(x, inside), **options)
 
-def field(d: int) -> NilbsField:
-    torch.manual_seed(0)
-    cache = RestCache.of_grid(torch.linspace(-1, 1, 4**d).reshape((4,) * d), torch.full((d,), -1.0), 0.7, width=0.1)
-    network = WeightNetwork(LocalEncoding(torch.as_tensor(joints(d)[:2])), 2, width=8, depth=3)
-    return NilbsField(network, cache, root=0).double()
-
-
-def motion(d: int, frames: int) -> torch.Tensor:
-    theta = np.random.default_rng(2).normal(size=(frames, 2, 3 if d == 3 else 1))
-    return torch.as_tensor(forward_kinematics(joints(d), BE, P, theta))
-
-
-def term(d: int, *, frames: int = 3, points: int = 20, **changes) -> tuple[NilbsField, OccupancyTerm]:
-    rng = np.random.default_rng(4)
-    x, inside = rng.normal(size=(frames, points, d)).astype(np.float32), rng.random((frames, points)) < 0.5
-    nilbs = field(d)
-    options = {"poses_per_step": 4, "points_per_pose": 6} | changes
-    return nilbs, OccupancyTerm(nilbs.logit, motion(d, frames), OccupancySamples(x, inside), **options)
+    return made
 
 
 def occupancy(nilbs: NilbsField, loss: OccupancyTerm) -> torch.Tensor:
@@ -44,7 +31,7 @@ def occupancy(nilbs: NilbsField, loss: OccupancyTerm) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_points_are_drawn_by_the_squared_error_of_their_occupancy_at_the_last_look(d: int) -> None:
+def test_points_are_drawn_by_the_squared_error_of_their_occupancy_at_the_last_look(d: int, term) -> None:
     nilbs, loss = term(d)
     with torch.no_grad():
         error = ((occupancy(nilbs, loss) - loss.inside) ** 2).numpy()
@@ -55,7 +42,7 @@ def test_points_are_drawn_by_the_squared_error_of_their_occupancy_at_the_last_lo
 
 
 @pytest.mark.parametrize("changes", [{"adaptive": False}, {"factor": 0.0}])
-def test_where_points_are_not_drawn_by_error_nobody_looks(changes: dict) -> None:
+def test_where_points_are_not_drawn_by_error_nobody_looks(changes: dict, term) -> None:
     _, loss = term(2, **changes)
     loss.look()
     np.testing.assert_array_equal(loss.sampler.mass, 1)
@@ -63,7 +50,7 @@ def test_where_points_are_not_drawn_by_error_nobody_looks(changes: dict) -> None
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("factor", [1.0, 0.3])
-def test_the_losses_where_there_is_nothing_to_choose(d: int, factor: float, rng: np.random.Generator) -> None:
+def test_the_losses_where_there_is_nothing_to_choose(d: int, factor: float, term, rng: np.random.Generator) -> None:
     # One frame and one labelled point: every draw is the same.
     nilbs, loss = term(d, frames=1, points=1, factor=factor)
     inside = occupancy(nilbs, loss)
@@ -73,9 +60,20 @@ def test_the_losses_where_there_is_nothing_to_choose(d: int, factor: float, rng:
     torch.testing.assert_close(absolute(rng), factor * (inside - loss.inside).abs().squeeze())
 
 
-def test_the_field_learns_from_it(rng: np.random.Generator) -> None:
+def test_the_field_learns_from_it(term, rng: np.random.Generator) -> None:
     nilbs, loss = term(2)
     loss(rng).backward()
     for parameter in nilbs.parameters():
         assert torch.isfinite(parameter.grad).all()
     assert sum(parameter.grad.abs().sum() for parameter in nilbs.parameters()) > 0
+
+
+def test_a_look_in_chunks_sees_the_same(term, monkeypatch) -> None:
+    nilbs, loss = term(2)
+    loss.look()
+    whole, asked, logit = loss.sampler.mass.copy(), [], nilbs.logit
+    monkeypatch.setattr(occupancy_term, "LOOK", 7)
+    loss.logit = lambda x, B: (asked.append(x.shape[1]), logit(x, B))[1]
+    loss.look()
+    np.testing.assert_allclose(loss.sampler.mass, whole)
+    assert asked == [7, 7, 6] * 3

@@ -1,34 +1,13 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.cache import RestCache
-from nilbs.fields.encoding import LocalEncoding
 from nilbs.fields.forward_network import ForwardNetwork
-from nilbs.fields.network import WeightNetwork
-from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.samples import RestSamples
 from nilbs.fields.weight_term import ForwardWeightTerm, RandomPoses, WeightTerm, cross_entropy
-from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
-
-BE, P = np.array([[0, 1], [1, 2]]), np.array([-1, 0])
-
-
-def joints(d: int) -> np.ndarray:
-    return np.array([[0, 0, 0], [0.5, 0, 0], [1, 0.2, 0.1]])[:, :d]
-
-
-def field(d: int) -> NilbsField:
-    torch.manual_seed(0)
-    cache = RestCache.of_grid(torch.linspace(-1, 1, 4**d).reshape((4,) * d), torch.full((d,), -1.0), 0.7, width=0.1)
-    network = WeightNetwork(LocalEncoding(torch.as_tensor(joints(d)[:2])), 2, width=8, depth=3)
-    return NilbsField(network, cache, root=0).double()
-
-
-def motion(d: int, frames: int) -> torch.Tensor:
-    theta = np.random.default_rng(2).normal(size=(frames, 2, 3 if d == 3 else 1))
-    return torch.as_tensor(forward_kinematics(joints(d), BE, P, theta))
 
 
 def samples(d: int, points: int) -> RestSamples:
@@ -36,16 +15,22 @@ def samples(d: int, points: int) -> RestSamples:
     return RestSamples(rng.normal(size=(points, d)).astype(np.float32), rng.dirichlet(np.ones(2), points))
 
 
-def term(
-    d: int, *, frames: int = 3, points: int = 20, random: bool = True, posed: bool = True, **changes
-) -> WeightTerm:
-    options = {
-        "random_poses": RandomPoses(joints(d), BE, P, 0.8) if random else None,
-        "poses_per_step": 4,
-        "points_per_pose": 6,
-        "factor": 0.7,
-    } | changes
-    return WeightTerm(field(d), motion(d, frames) if posed else None, samples(d, points), **options)
+@pytest.fixture
+def term(chain) -> Callable[..., WeightTerm]:
+    """The weight loss on a few rest points."""
+
+    def made(
+        d: int, *, frames: int = 3, points: int = 20, random: bool = True, posed: bool = True, **changes
+    ) -> WeightTerm:
+        options = {
+            "random_poses": RandomPoses(chain.joints(d), chain.BE, chain.P, 0.8) if random else None,
+            "poses_per_step": 4,
+            "points_per_pose": 6,
+            "factor": 0.7,
+        } | changes
+        return WeightTerm(chain.field(d), chain.motion(d, frames) if posed else None, samples(d, points), **options)
+
+    return made
 
 
 def generator() -> np.random.Generator:
@@ -53,7 +38,7 @@ def generator() -> np.random.Generator:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_paper_s_own_loss_is_that_of_the_rest_pose(d: int) -> None:
+def test_the_paper_s_own_loss_is_that_of_the_rest_pose(d: int, term) -> None:
     loss = term(d, points=1, posed=False)
     rest = torch.eye(d + 1, dtype=torch.float64).expand(1, 2, d + 1, d + 1)
     W = torch.softmax(loss.field.network(loss.x_rest[None], rest), dim=-1)
@@ -61,9 +46,9 @@ def test_the_paper_s_own_loss_is_that_of_the_rest_pose(d: int) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_rest_points_are_posed_by_skinning(d: int) -> None:
+def test_rest_points_are_posed_by_skinning(d: int, term, chain) -> None:
     # Without random amplitude all poses are the rest pose or the one frame; the network sees points posed by either.
-    still = RandomPoses(joints(d), BE, P, 0.0)
+    still = RandomPoses(chain.joints(d), chain.BE, chain.P, 0.0)
     loss = term(d, frames=1, points=1, random_poses=still, poses_per_step=2, points_per_pose=1)
     x_rest, W, B = loss.x_rest.numpy(), loss.W.numpy(), loss.poses[0].numpy()
     expected = 0.0
@@ -75,8 +60,8 @@ def test_rest_points_are_posed_by_skinning(d: int) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_poses_come_from_the_motion_and_from_chance(d: int) -> None:
-    frames = motion(d, 3)
+def test_poses_come_from_the_motion_and_from_chance(d: int, term, chain) -> None:
+    frames = chain.motion(d, 3)
     known = lambda B: (B[:, None] == frames[None]).flatten(2).all(dim=-1).any(dim=-1)  # noqa: E731
     assert known(term(d, random=False).draw_poses(generator())).tolist() == [True] * 4
     drawn = term(d).draw_poses(generator())
@@ -85,8 +70,10 @@ def test_poses_come_from_the_motion_and_from_chance(d: int) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_random_poses_turn_all_bones_but_the_root_by_up_to_their_spread(d: int, rng: np.random.Generator) -> None:
-    B = RandomPoses(joints(d), BE, P, 0.5).draw(2000, rng)
+def test_random_poses_turn_all_bones_but_the_root_within_their_spread(
+    d: int, chain, rng: np.random.Generator
+) -> None:
+    B = RandomPoses(chain.joints(d), chain.BE, chain.P, 0.5).draw(2000, rng)
     np.testing.assert_array_equal(B[:, 0], np.broadcast_to(np.eye(d + 1), (2000, d + 1, d + 1)))
     trace = np.trace(B[:, 1, :d, :d], axis1=1, axis2=2)
     angle = np.arccos(np.clip((trace - (d - 2)) / 2, -1, 1))
@@ -95,7 +82,7 @@ def test_random_poses_turn_all_bones_but_the_root_by_up_to_their_spread(d: int, 
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_position_loss_is_how_far_the_inverse_map_misses_the_rest_points(d: int) -> None:
+def test_the_position_loss_is_how_far_the_inverse_map_misses_the_rest_points(d: int, term) -> None:
     # In the rest pose, where every blend is the identity ...
     options = {"posed": False, "points": 1}
     assert term(d, position_loss=3.0, **options)(generator()).item() == pytest.approx(
@@ -114,7 +101,7 @@ def test_the_position_loss_is_how_far_the_inverse_map_misses_the_rest_points(d: 
     assert loss(generator()).item() - without(generator()).item() == pytest.approx(3.0 * np.mean(missed), rel=1e-5)
 
 
-def test_only_the_network_learns() -> None:
+def test_only_the_network_learns(term) -> None:
     loss = term(2)
     loss(generator()).backward()
     for name, parameter in loss.field.named_parameters():
