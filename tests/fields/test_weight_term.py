@@ -70,9 +70,7 @@ def test_poses_come_from_the_motion_and_from_chance(d: int, term, chain) -> None
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_random_poses_turn_all_bones_but_the_root_within_their_spread(
-    d: int, chain, rng: np.random.Generator
-) -> None:
+def test_random_poses_turn_all_bones_but_the_root_within_their_spread(d: int, chain, rng: np.random.Generator) -> None:
     B = RandomPoses(chain.joints(d), chain.BE, chain.P, 0.5).draw(2000, rng)
     np.testing.assert_array_equal(B[:, 0], np.broadcast_to(np.eye(d + 1), (2000, d + 1, d + 1)))
     trace = np.trace(B[:, 1, :d, :d], axis1=1, axis2=2)
