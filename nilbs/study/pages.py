@@ -9,6 +9,7 @@ from pathlib import Path
 from nilbs.study.tables import Cell, Table
 
 HEADINGS = {
+    "overview": "All methods",
     "methods": "Accuracy by pose set",
     "distance": "Distances",
     "frames": "Number of training poses",
@@ -151,15 +152,16 @@ def _plain(text: str) -> str:
 def _html_table(table: Table) -> list[str]:
     head = "".join(f"<th>{escape(name)}</th>" for name in table.columns)
     rows = [f"<tr><th>{escape(name)}</th>{''.join(map(_html_cell, cells))}</tr>" for name, cells in table.rows]
+    words = ' class="words"' if table.words else ""
     return [
         f"<h3>{escape(table.title)}</h3>",
-        '<div class="wide"><table>',
+        f'<div class="wide"><table{words}>',
         f"<thead><tr>{head}</tr></thead>",
         "<tbody>",
         *rows,
         "</tbody>",
         "</table></div>",
-        f'<p class="caption">{escape(table.note)}</p>',
+        *([f'<p class="caption">{escape(table.note)}</p>'] if table.note else []),
     ]
 
 
@@ -189,6 +191,8 @@ table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabula
 td, th { padding: .25em .7em; text-align: right; vertical-align: bottom; }
 th:first-child, .facts td { text-align: left; }
 tbody th, thead th { font-weight: normal; color: #444; }
+tbody th { white-space: nowrap; }
+.words td { text-align: left; }
 thead th { border-bottom: 1px solid #888; }
 tbody tr:nth-child(even) { background: #f6f6f4; }
 .wide { overflow-x: auto; }

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from nilbs.geometry.metrics import HIGHER_IS_BETTER
-from nilbs.settings import POSE_SETS
+from nilbs.settings import MAPPINGS, POSE_SETS, ROWS
 from nilbs.study.jobs import SCORE, TWIST, Entry, Plan
 from nilbs.study.plan import OTHER_MAPPINGS, SWEEPS, UNLEARNED
 from nilbs.study.results import Score, controls, number, others, scores, series, summary
@@ -48,6 +48,22 @@ _DECIMALS = {
     "training_steps": 0,
 }
 UNKNOWN = "-"
+_MARKS = (
+    "Rows marked ° learn nothing; rows marked °° are the truth itself, skinned by LBS, and take no part in the "
+    "comparison. Bold: best of the column, and what lies within the spread of it."
+)
+_MEANINGS = {
+    "nilbs": f"the default: {MAPPINGS['search']}",
+    **{name: f"the same trained model: {MAPPINGS[name]}" for name in OTHER_MAPPINGS},
+    "paper": "the paper's own setting: weights known on the surface in the rest pose alone, uniform labelled points, "
+    "absolute difference of occupancies; inverse map (eq. 6) and ghost bone (eq. 8)",
+    "nasa": "NASA with deformable parts: one network a bone, told the point in its frame and the pose; largest part",
+    "nasa-rigid": "NASA with rigid parts: one network a bone, told the point in its frame alone; largest part",
+    "snarf": "SNARF: a network of forward weights and one of occupancy at rest; Broyden's method from every bone",
+    "mlp": "a network that is told the point and the pose, without any skinning",
+    **{name: ROWS[name] for name in ("nearest", "rigid-parts", "floor")},
+    "mesh-lbs": "the skinned mesh itself asked for its winding number and distance: what the rows are compared with",
+}
 
 
 @dataclass(frozen=True)
@@ -69,6 +85,8 @@ class Table:
         The first names the rows.
     rows : tuple of (str, tuple of Cell)
         Labels and cells.
+    words : bool
+        Whether cells are sentences and not numbers.
     """
 
     part: str
@@ -76,6 +94,7 @@ class Table:
     note: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
+    words: bool = False
 
 
 def study_tables(plan: Plan, store: Store, titles: Mapping[str, str]) -> list[Table]:
@@ -94,7 +113,8 @@ def study_tables(plan: Plan, store: Store, titles: Mapping[str, str]) -> list[Ta
     """
     known = scores(plan, store)
     characters = list(dict.fromkeys(entry.character for entry in plan.entries if entry.part == "methods"))
-    found = [t for name in characters for t in _main_tables(plan, known, name, titles.get(name, name))]
+    found = [_overview_table(plan, known, titles), _legend_table(plan)] if characters else []
+    found += [t for name in characters for t in _main_tables(plan, known, name, titles.get(name, name))]
     for part in SWEEPS:
         entries = [entry for entry in plan.entries if entry.part == part]
         if entries:
@@ -127,17 +147,36 @@ def order(methods: Iterable[str]) -> list[str]:
     return sorted(dict.fromkeys(methods), key=lambda name: place.get(name, len(place)))
 
 
+def _overview_table(plan: Plan, known: Sequence[Score], titles: Mapping[str, str]) -> Table:
+    """Every method on every character, on poses that no training saw."""
+    jobs = plan.by_key
+    entries = [e for e in plan.entries if e.part == "methods" and jobs[e.job].kind == SCORE]
+    names = order(entry.method for entry in entries)
+    characters = dict.fromkeys(entry.character for entry in entries)
+    columns = [(character, poses) for character in characters for poses in _sets(plan, entries, SWEEP_SETS)]
+    mine = [row for row in known if row.part == "methods" and row.score == "iou_surface"]
+    values = [[[r.mean for r in mine if (r.method, r.character, r.poses) == (n, *c)] for c in columns] for n in names]
+    headings = [f"{titles.get(character, character)}: {poses}" for character, poses in columns]
+    note = f"Surface IoU on random poses, mean of the seeds that are done ± (max - min) / 2. {_MARKS}"
+    rows = _rows(names, values, ["iou_surface"] * len(columns), label)
+    return Table("overview", "Surface IoU of every method", note, ("method", *headings), rows)
+
+
+def _legend_table(plan: Plan) -> Table:
+    """What the rows of tables are."""
+    names = order(e.method for e in plan.entries if e.part == "methods")
+    rows = tuple((label(name), (Cell(_MEANINGS[name]),)) for name in names)
+    return Table("overview", "What the rows are", "", ("method", "what it is"), rows, words=True)
+
+
 def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str) -> list[Table]:
     """A character's scores of the field, and those of its surfaces."""
     mine = [row for row in known if row.part in ("methods", "surfaces") and row.character == character]
-    scorings = [e for e in plan.entries if e.character == character and plan.by_key[e.job].kind == SCORE]
+    jobs = plan.by_key
+    scorings = [e for e in plan.entries if e.character == character and jobs[e.job].kind == SCORE]
     entries, extracted = ([e for e in scorings if e.part == part] for part in ("methods", "surfaces"))
     seeds = len({entry.seed for entry in entries})
     spread = f"Mean of those of {seeds} seeds that are done ± (max - min) / 2" if seeds > 1 else "One seed"
-    marks = (
-        "Rows marked ° learn nothing; rows marked °° are the truth itself, skinned by LBS, and take no part in the "
-        "comparison. Bold: best of the column, and what lies within the spread of it."
-    )
 
     def table(title: str, note: str, names: Sequence[str], columns: Sequence[tuple[str, str, str]]) -> Table:
         values = [
@@ -153,8 +192,8 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
     fields += [("methods", poses, "lookups") for poses in sets if poses == "unseen"]
     fields += [("methods", "", score) for score in ("seconds", "training_seconds", "training_steps")]
     surfaces = [("surfaces", poses, score) for poses in surface_sets for score in _SURFACE_SCORES]
-    field_note = f"{spread}; what has no ± was scored for the first seed. Surface IoU within noise of 0.006 L. {marks}"
-    surface_note = f"Extracted surfaces; what has no ± was scored for the first seed. Lengths in % of L. {marks}"
+    field_note = f"{spread}; what has no ± was scored for the first seed. Surface IoU within noise of 0.006 L. {_MARKS}"
+    surface_note = f"Extracted surfaces; what has no ± was scored for the first seed. Lengths in % of L. {_MARKS}"
     return [
         table(title, field_note, order(entry.method for entry in entries), fields),
         table(f"{title}: surfaces", surface_note, order(entry.method for entry in extracted), surfaces),
