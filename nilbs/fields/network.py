@@ -1,4 +1,4 @@
-"""The weight network: from a posed point and its pose to skinning weights."""
+"""The weight network: from a posed point and its pose to skinning weights; and what it is made of."""
 
 from itertools import pairwise
 
@@ -11,8 +11,8 @@ from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
 NEVER = -1e4
 
 
-class WeightNetwork(nn.Module):
-    """Multilayer perceptron W(x | theta) with one output for each bone and one for the ghost bone.
+class EncodedNetwork(nn.Module):
+    """Multilayer perceptron on posed points and their poses.
 
     Both encodings of a pose are affine in the query, and so is the first layer: for a given pose the two fold into one
     small matrix, and a query never visits the encoding's numbers.
@@ -21,12 +21,47 @@ class WeightNetwork(nn.Module):
     ----------
     encoding : LocalEncoding or ParameterEncoding
         What it is told of a point and a pose.
-    bones : int
-        How many bones.
+    outputs : int
+        How many numbers it answers.
     width : int
         Units of a hidden layer.
     depth : int
         Linear layers, the first and the last included.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two layers.
+    """
+
+    def __init__(self, encoding: LocalEncoding | ParameterEncoding, outputs: int, *, width: int, depth: int) -> None:
+        super().__init__()
+        if depth < 2:
+            raise ValueError(f"a network needs at least 2 layers, got {depth}")
+        self.encoding = encoding
+        sizes = [encoding.size, *([width] * (depth - 1)), outputs]
+        self.layers = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
+
+    def forward(self, x: Tensor, B: Tensor) -> Tensor:
+        """Outputs (p, n, outputs) at points (p, n, d) in poses (p, b, d+1, d+1)."""
+        linear, offset = self.encoding(B)
+        first = self.layers[0]
+        hidden = torch.baddbmm((offset @ first.weight.T + first.bias)[:, None], x, (first.weight @ linear).mT)
+        for layer in self.layers[1:]:
+            hidden = layer(torch.relu(hidden))
+        return hidden
+
+
+class WeightNetwork(EncodedNetwork):
+    """W(x | theta), with one output for each bone and one for the ghost bone.
+
+    Parameters
+    ----------
+    encoding : LocalEncoding or ParameterEncoding
+    bones : int
+        How many bones.
+    width, depth : int
+        As of an `EncodedNetwork`.
     ghost : bool
         Whether there is a ghost bone; without one its weight is always zero.
     """
@@ -40,12 +75,8 @@ class WeightNetwork(nn.Module):
         depth: int = 5,
         ghost: bool = True,
     ) -> None:
-        super().__init__()
-        if depth < 2:
-            raise ValueError(f"a weight network needs at least 2 layers, got {depth}")
-        self.encoding, self.ghost = encoding, ghost
-        sizes = [encoding.size, *([width] * (depth - 1)), bones + ghost]
-        self.layers = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
+        super().__init__(encoding, bones + ghost, width=width, depth=depth)
+        self.ghost = ghost
 
     def forward(self, x: Tensor, B: Tensor) -> Tensor:
         """Logits of the weights.
@@ -62,9 +93,5 @@ class WeightNetwork(nn.Module):
         logits : (p, n, b+1) tensor
             Softmax of the last dimension gives the weights; the ghost bone comes last.
         """
-        linear, offset = self.encoding(B)
-        first = self.layers[0]
-        hidden = torch.baddbmm((offset @ first.weight.T + first.bias)[:, None], x, (first.weight @ linear).mT)
-        for layer in self.layers[1:]:
-            hidden = layer(torch.relu(hidden))
-        return hidden if self.ghost else nn.functional.pad(hidden, (0, 1), value=NEVER)
+        logits = super().forward(x, B)
+        return logits if self.ghost else nn.functional.pad(logits, (0, 1), value=NEVER)

@@ -1,12 +1,10 @@
 """A plain network on the point and the pose: the floor among methods that learn, with no skinning in it."""
 
-from itertools import pairwise
-
-import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from nilbs.fields.encoding import ParameterEncoding
 from nilbs.fields.field import Field
+from nilbs.fields.network import EncodedNetwork
 
 
 class PoseMlp(Field):
@@ -36,18 +34,9 @@ class PoseMlp(Field):
 
     def __init__(self, P: Tensor, d: int, *, width: int, depth: int) -> None:
         super().__init__()
-        if depth < 2:
-            raise ValueError(f"a network needs at least 2 layers, got {depth}")
-        self.encoding = ParameterEncoding(P, d)
-        sizes = [self.encoding.size, *([width] * (depth - 1)), 1]
-        self.layers = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
+        self.network = EncodedNetwork(ParameterEncoding(P, d), 1, width=width, depth=depth)
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:
         """Logit of occupancy (p, n) of points (p, n, d) in poses (p, b, d+1, d+1)."""
-        # The encoding is affine in the point and so is the first layer: for a pose they are one small matrix.
-        linear, offset = self.encoding(B)
-        first = self.layers[0]
-        hidden = torch.baddbmm((offset @ first.weight.T + first.bias)[:, None], x, (first.weight @ linear).mT)
-        for layer in self.layers[1:]:
-            hidden = layer(torch.relu(hidden))
-        return hidden[..., 0]
+        logits: Tensor = self.network(x, B)
+        return logits[..., 0]

@@ -83,5 +83,5 @@ def test_no_points(rng: np.random.Generator) -> None:
 
 
 def test_a_single_layer_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^a weight network needs at least 2 layers, got 1$"):
+    with pytest.raises(ValueError, match=r"^a network needs at least 2 layers, got 1$"):
         network(2, depth=1)

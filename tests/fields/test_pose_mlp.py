@@ -27,11 +27,11 @@ def test_folding_equals_the_network_written_out(d: int, depth: int, rng: np.rand
     theta, B = poses(d, 2, rng)
     logit = net.logit(torch.as_tensor(x), torch.as_tensor(B)).detach().numpy()
     assert logit.shape == (2, 5)
-    assert len(net.layers) == depth
+    assert len(net.network.layers) == depth
     for p in range(2):
         for i in range(5):
             hidden = np.concatenate([x[p, i], theta[p].ravel()])
-            for k, layer in enumerate(net.layers):
+            for k, layer in enumerate(net.network.layers):
                 hidden = layer.weight.detach().numpy() @ hidden + layer.bias.detach().numpy()
                 if k < depth - 1:
                     hidden = np.maximum(hidden, 0)
