@@ -192,7 +192,7 @@ td, th { padding: .25em .7em; text-align: right; vertical-align: bottom; }
 th:first-child, .facts td { text-align: left; }
 tbody th, thead th { font-weight: normal; color: #444; }
 tbody th { white-space: nowrap; }
-.words td { text-align: left; }
+.words td, .words th { text-align: left; }
 thead th { border-bottom: 1px solid #888; }
 tbody tr:nth-child(even) { background: #f6f6f4; }
 .wide { overflow-x: auto; }
