@@ -21,7 +21,7 @@ from nilbs.motion import Motion
 from nilbs.report import Report, silent
 from nilbs.settings import UNTRAINED, Settings
 
-CHECKPOINT_KIND = "nilbs checkpoint 2"
+CHECKPOINT_KIND = "nilbs checkpoint 3"
 # Steps that tell how long a step takes.
 TRIAL = 20
 
@@ -139,14 +139,16 @@ class _Checkpoint:
 def _steps_within(seconds: float, field: Field, objective: Objective, learning_rate: float) -> int:
     """How many steps fit into a time, by a trial that leaves the field as it was."""
     initial = {name: tensor.clone() for name, tensor in field.state_dict().items()}
-    clock = [perf_counter()]
-    objective(0)  # with a look at all points
-    clock.append(perf_counter())
+    clock = []
     for _ in range(2):  # the first steps of a process are slow
-        train(field, lambda step: objective(step + 1), steps=TRIAL, learning_rate=learning_rate)
         clock.append(perf_counter())
+        train(field, lambda step: objective(step % REFRESH), steps=TRIAL, learning_rate=learning_rate)
+    clock.append(perf_counter())
+    objective(REFRESH)  # with a look
+    clock.append(perf_counter())
     field.load_state_dict(initial)
-    look, step = clock[1] - clock[0], (clock[3] - clock[2]) / TRIAL
+    step = (clock[2] - clock[1]) / TRIAL
+    look = clock[3] - clock[2] - step
     return max(1, int(seconds / (step + look / REFRESH)))
 
 

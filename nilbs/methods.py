@@ -1,7 +1,7 @@
 """Every method that a field can be trained by: what it is made of, and what its training minimises."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +17,7 @@ from nilbs.fields.objective import Objective, Term
 from nilbs.fields.occupancy_term import OccupancyTerm
 from nilbs.fields.pose_mlp import PoseMlp
 from nilbs.fields.rigid_parts import RigidParts
-from nilbs.fields.samples import RestSamples, occupancy_samples, surface_samples, volume_samples
+from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
 from nilbs.fields.search import SearchField
 from nilbs.fields.snarf import SnarfBoneTerm, SnarfField
 from nilbs.fields.weight_term import ForwardWeightTerm, RandomPoses, WeightTerm
@@ -109,28 +109,16 @@ def build_objective(
     ValueError
         If every loss is off.
     """
-    from tqdm import tqdm
-
     c, paper = character, settings.supervision == "paper"
     _, B = in_unit_frame(c, np.zeros((len(motion), 1, c.d)), motion.B)
     poses = torch.as_tensor(B).to(next(field.parameters()))
     scene = Scene(c, settings, poses, np.random.default_rng([settings.seed, _STREAM]))
-    frames: Iterable[np.ndarray] = tqdm(B, desc="labelling", unit="frame", disable=not progress, delay=2)
     occupancy = None
     if settings.occupancy_loss:
-        labelled = occupancy_samples(
-            at_rest(c, c.V),
-            c.F,
-            c.W,
-            frames,
-            n=settings.samples_per_frame,
-            noise=None if paper else settings.noise,
-            rng=scene.rng,
-        )
         occupancy = OccupancyTerm(
             field.logit,
             poses,
-            labelled,
+            _labelled(scene, motion, progress=progress),
             **_batch(settings),
             factor=settings.occupancy_loss,
             # A look at all points would take SNARF's search longer than the steps between two looks.
@@ -138,6 +126,17 @@ def build_objective(
             absolute=paper,
         )
     return Objective(occupancy, *_TERMS.get(settings.method, lambda field, scene: [])(field, scene), seed=settings.seed)
+
+
+def _labelled(scene: Scene, motion: Motion, *, progress: bool) -> OccupancySamples:
+    """Labelled points of the motion's frames, drawn in the world, as scores draw them, and told in the unit frame."""
+    from tqdm import tqdm
+
+    c, settings = scene.character, scene.settings
+    frames: Iterable[np.ndarray] = tqdm(motion.B, desc="labelling", unit="frame", disable=not progress, delay=2)
+    noise = None if settings.supervision == "paper" else settings.noise * c.L
+    samples = occupancy_samples(c.V, c.F, c.W, frames, n=settings.samples_per_frame, noise=noise, rng=scene.rng)
+    return replace(samples, x=in_unit_frame(c, samples.x, motion.B)[0].astype(np.float32))
 
 
 def _nilbs_terms(field: Field, scene: Scene) -> list[Term]:

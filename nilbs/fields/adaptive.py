@@ -21,21 +21,29 @@ class AdaptiveSampler:
 
     def __init__(self, frames: int, points: int) -> None:
         self.frames, self.points = frames, points
-        self.mass = np.ones((frames, points))
+        self.forget()
+
+    def forget(self) -> None:
+        """Draw all points uniformly, as before the first look."""
+        self.mass = np.ones((self.frames, self.points))
         self._accumulate()
 
-    def refresh(self, error: Callable[[int], Tensor]) -> None:
-        """Look at the whole pool again.
+    def refresh(self, error: Callable[[int, slice], Tensor], seen: slice = slice(None)) -> None:
+        """Look at points of the pool again; what was seen before is forgotten.
 
         Parameters
         ----------
-        error : function of int
-            Non-negative errors (points,) of a frame's points.
+        error : function of int and slice
+            Non-negative errors of these points of a frame.
+        seen : slice
+            Which points of each frame to look at; the others are drawn uniformly only.
         """
         with torch.no_grad():
-            found = np.stack([error(frame).cpu().numpy() for frame in range(self.frames)]).astype(np.float64)
-        mean = found.mean()
-        self.mass = 0.5 + 0.5 * found / mean if mean > 0 else np.ones_like(found)
+            found = np.stack([error(frame, seen).cpu().numpy() for frame in range(self.frames)]).astype(np.float64)
+        total = found.sum()
+        self.mass = np.full((self.frames, self.points), 0.5 if total > 0 else 1.0)
+        if total > 0:
+            self.mass[:, seen] += 0.5 * self.mass.size * found / total
         self._accumulate()
 
     def draw(self, poses: int, points: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -33,6 +33,7 @@ class NasaField(Field):
     - A bone's frame is its rest frame moved to the bone's first joint; its axes are not turned along the bone. A first
       layer can do that itself.
     - The first layer begins with larger weights for the point, so that a few thousand steps are enough.
+    - A part's layers are 40 units wide for any number of parts, where the authors' code shares 960 units among them.
     - What the field is trained for is not said here. The paper compares occupancies by squared difference, and adds
       `NasaWeightTerm`; the authors' code has one loss more, on the parts' size, that is not here.
 
@@ -63,14 +64,14 @@ class NasaField(Field):
         self.deformable, self.root = deformable, root
         self.projection = _uniform(b, POSE_SIZE, b * d, inputs=b * d) if deformable else None
         inputs = d + POSE_SIZE if deformable else d
-        # Layers of all parts side by side; three axes, so that no optimiser takes parts for the rows of one matrix.
+        # Layers of all parts side by side, in stacks of one matrix a part.
         self.first_weight = _uniform(b, width, inputs, inputs=inputs)
         with torch.no_grad():
             self.first_weight[..., :d] *= SHARPNESS
         self.first_bias = _uniform(b, width, 1, inputs=inputs)
         self.weights = nn.ParameterList(_uniform(b, width, width, inputs=width) for _ in range(depth - 1))
         self.biases = nn.ParameterList(_uniform(b, 1, width, inputs=width) for _ in range(depth - 1))
-        self.last_weight = _uniform(b, width, 1, inputs=width)
+        self.last_weight = _uniform(b, 1, width, inputs=width)
         self.last_bias = _uniform(b, 1, 1, inputs=width)
 
     def part_logits(self, x: Tensor, B: Tensor) -> Tensor:
@@ -103,7 +104,7 @@ class NasaField(Field):
         hidden = nn.functional.leaky_relu(hidden, LEAK)
         for weight, bias in zip(self.weights, self.biases, strict=True):
             hidden = nn.functional.leaky_relu(hidden + torch.baddbmm(bias, hidden, weight), LEAK)
-        logits = torch.baddbmm(self.last_bias, hidden, self.last_weight)
+        logits = torch.baddbmm(self.last_bias, hidden, self.last_weight.mT)
         return logits.reshape(b, p, n).transpose(0, 1)
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:

@@ -9,15 +9,15 @@ from nilbs.fields.occupancy_term import OccupancyTerm
 
 # A loss on a batch that the generator draws.
 Term = Callable[[np.random.Generator], Tensor]
-# Steps between two looks at the whole pool of labelled points.
+# Steps between two looks at the labelled points.
 REFRESH = 500
 
 
 class Objective:
     """Sum of losses at a training step.
 
-    The occupancy loss looks at the field's error on all its points every `REFRESH` steps, so a training may be
-    continued only at a multiple of those.
+    The occupancy loss looks at the field's error on its points every `REFRESH` steps, so a training may be continued
+    only at a multiple of those.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Objective:
     def __call__(self, step: int) -> Tensor:
         """Sum of the losses on the batch of a step."""
         if self.occupancy is not None and step % REFRESH == 0:
-            self.occupancy.look()
+            self.occupancy.look(step // REFRESH)
         rng = np.random.default_rng([self.seed, step])
         first, *others = (term(rng) for term in self.terms)
         return sum(others, first)

@@ -11,6 +11,8 @@ from nilbs.fields.samples import OccupancySamples
 
 # Points that are looked at together; bounds the memory of methods that ask every bone for every point.
 LOOK = 4096
+# Every how many-th point a look takes: it is to cost little beside the steps between two, whatever the field.
+LOOKS = 4
 
 
 class OccupancyTerm:
@@ -53,10 +55,15 @@ class OccupancyTerm:
         self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
         self.factor, self.adaptive, self.absolute = factor, adaptive, absolute
 
-    def look(self) -> None:
-        """Look at the field's error on the whole pool of points."""
-        if self.adaptive and self.factor:
-            self.sampler.refresh(self._error)
+    def look(self, turn: int) -> None:
+        """Look at the field's error on a part of the points; the turns take the parts one after the other.
+
+        Turn 0 forgets all looks instead: a field that has not learned has nothing to show.
+        """
+        if turn == 0:
+            self.sampler.forget()
+        elif self.adaptive and self.factor:
+            self.sampler.refresh(self._error, slice(turn % LOOKS, None, LOOKS))
 
     def __call__(self, rng: np.random.Generator) -> Tensor:
         """Loss on a batch that the generator draws."""
@@ -69,8 +76,8 @@ class OccupancyTerm:
             return self.factor * (torch.sigmoid(logit) - inside).abs().mean()
         return self.factor * nn.functional.binary_cross_entropy_with_logits(logit, inside)
 
-    def _error(self, frame: int) -> Tensor:
-        """Squared error of occupancy at all labelled points of a frame."""
-        parts = self.x[frame].split(LOOK)
+    def _error(self, frame: int, seen: slice) -> Tensor:
+        """Squared error of occupancy at labelled points of a frame."""
+        parts = self.x[frame, seen].split(LOOK)
         logit = torch.cat([self.logit(x[None], self.poses[frame : frame + 1])[0] for x in parts])
-        return (torch.sigmoid(logit) - self.inside[frame]) ** 2
+        return (torch.sigmoid(logit) - self.inside[frame, seen]) ** 2

@@ -19,7 +19,7 @@ class OccupancySamples:
 
     Attributes
     ----------
-    x : (t, m, d) float32 array
+    x : (t, m, d) float array
         Points around the posed mesh; see `occupancy_samples`.
     inside : (t, m) bool array
         Truth: absolute winding number of the posed mesh above one half.
@@ -84,7 +84,7 @@ def occupancy_samples(
             around = near_surface_samples(U, F, n // 4, std=8 * noise, rng=rng)
             near = near_surface_samples(U, F, n - 2 * (n // 4), std=noise, rng=rng)
             x = np.concatenate([x, around, near])
-        points.append(x.astype(np.float32))
+        points.append(x)
         inside.append(occupancy(U, F, x))
     return OccupancySamples(np.stack(points), np.stack(inside))
 

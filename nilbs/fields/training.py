@@ -9,6 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from nilbs.fields.muon import Muon
+
 # Muon's learning rate in terms of Adam's: its updates have unit singular values, whatever the gradient's size.
 MUON_RATE = 2.0
 
@@ -46,7 +48,8 @@ def train(
 ) -> np.ndarray:
     """Minimise a loss over a module's parameters with a one-cycle learning rate.
 
-    Matrices are trained by Muon [1]_, which orthogonalises each update; vectors by Adam.
+    Matrices and stacks of them are trained by Muon, which orthogonalises each update; vectors, and all that is called a
+    bias, by Adam.
 
     Parameters
     ----------
@@ -82,10 +85,6 @@ def train(
         If the loss is not finite.
     ValueError
         If the state does not fit the module.
-
-    References
-    ----------
-    .. [1] Jordan et al., Muon: an optimizer for hidden layers in neural networks, 2024.
     """
     from tqdm import tqdm
 
@@ -104,7 +103,7 @@ def train(
         try:
             while step < steps:
                 for optimizer in optimizers:
-                    factor = MUON_RATE if isinstance(optimizer, torch.optim.Muon) else 1.0
+                    factor = MUON_RATE if isinstance(optimizer, Muon) else 1.0
                     optimizer.param_groups[0]["lr"] = factor * one_cycle(step, steps, learning_rate)
                 value = loss(step)
                 module.zero_grad(set_to_none=True)
@@ -151,11 +150,11 @@ def one_cycle(step: int, steps: int, learning_rate: float) -> float:
 
 def _optimizers(parameters: dict[str, nn.Parameter], learning_rate: float) -> list[torch.optim.Optimizer]:
     """Muon for matrices, Adam for all else; their rates are set at every step."""
-    matrices = [parameter for parameter in parameters.values() if parameter.ndim == 2]
-    others = [parameter for parameter in parameters.values() if parameter.ndim != 2]
+    matrices = [p for name, p in parameters.items() if p.ndim > 1 and "bias" not in name]
+    others = [p for name, p in parameters.items() if p.ndim < 2 or "bias" in name]
     optimizers: list[torch.optim.Optimizer] = []
     if matrices:
-        optimizers.append(torch.optim.Muon(matrices, lr=MUON_RATE * learning_rate, weight_decay=0.0))
+        optimizers.append(Muon(matrices, lr=MUON_RATE * learning_rate))
     if others:
         optimizers.append(torch.optim.Adam(others, lr=learning_rate, fused=True))
     return optimizers
@@ -184,7 +183,7 @@ def _restore(
     for optimizer in optimizers:
         for parameter in optimizer.param_groups[0]["params"]:
             name = next(name for name, known in parameters.items() if known is parameter)
-            muon = isinstance(optimizer, torch.optim.Muon)
+            muon = isinstance(optimizer, Muon)
             tensors = {}
             for what in ("value", "momentum_buffer") if muon else ("value", "exp_avg", "exp_avg_sq"):
                 array = state.tensors.get(f"{what}.{name}")

@@ -14,6 +14,8 @@ from nilbs.study.store import Store
 
 # Rows that are the truth itself, and best by definition.
 TRUTH = ("mesh-lbs", "floor")
+# Ways of the default model that never ask what it has learned.
+WITHOUT_NETWORK = ("parts", "all-bones")
 METHOD_ORDER = ("nilbs", *OTHER_MAPPINGS, *(name for name in TRAINED if name != "nilbs"), *UNLEARNED)
 _SURFACE_SCORES = ("chamfer_l1", "p95", "hausdorff", "normal_consistency", "f_score", "components", "watertight")
 # What a column is called, and its digits after the point.
@@ -138,7 +140,7 @@ def label(method: str) -> str:
     >>> label("nasa"), label("nearest"), label("floor")
     ('nasa', 'nearest °', 'floor °°')
     """
-    return method + (" °°" if method in TRUTH else " °" if method in UNLEARNED else "")
+    return method + (" °°" if method in TRUTH else " °" if method in (*UNLEARNED, *WITHOUT_NETWORK) else "")
 
 
 def order(methods: Iterable[str]) -> list[str]:

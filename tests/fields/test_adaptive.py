@@ -7,7 +7,7 @@ from nilbs.fields.adaptive import AdaptiveSampler
 
 def refreshed(error: np.ndarray) -> AdaptiveSampler:
     sampler = AdaptiveSampler(*error.shape)
-    sampler.refresh(lambda frame: torch.as_tensor(error[frame]))
+    sampler.refresh(lambda frame, seen: torch.as_tensor(error[frame, seen]))
     return sampler
 
 
@@ -31,8 +31,19 @@ def test_half_of_the_draws_are_in_proportion_to_the_error(rng: np.random.Generat
 def test_the_last_look_is_the_one_that_counts(rng: np.random.Generator) -> None:
     sampler = refreshed(np.array([[1.0, 0.0], [0.0, 0.0]]))
     last = np.array([[0.0, 0.0], [0.0, 1.0]])
-    sampler.refresh(lambda frame: torch.as_tensor(last[frame]))
+    sampler.refresh(lambda frame, seen: torch.as_tensor(last[frame, seen]))
     np.testing.assert_allclose(shares(sampler, rng), 0.125 + 0.5 * last, rtol=0.05)
+
+
+def test_a_look_may_take_a_part_of_the_points(rng: np.random.Generator) -> None:
+    error = np.array([[1.0, 50.0, 3.0, 50.0], [0.0, 50.0, 4.0, 50.0]])
+    sampler = AdaptiveSampler(2, 4)
+    sampler.refresh(lambda frame, seen: torch.as_tensor(error[frame, seen]), slice(0, None, 2))
+    found = shares(sampler, rng)
+    np.testing.assert_allclose(found[:, 1::2], 0.5 / 8, rtol=0.05)
+    np.testing.assert_allclose(found[:, ::2], 0.5 / 8 + 0.5 * error[:, ::2] / 8, rtol=0.05)
+    sampler.forget()
+    np.testing.assert_allclose(shares(sampler, rng), 1 / 8, rtol=0.05)
 
 
 def test_where_nothing_is_wrong_all_points_are_as_likely(rng: np.random.Generator) -> None:
@@ -83,7 +94,7 @@ def test_no_gradient_is_kept_of_a_look() -> None:
     weight = torch.ones(4, requires_grad=True)
     looked: list[torch.Tensor] = []
 
-    def error(frame: int) -> torch.Tensor:
+    def error(frame: int, seen: slice) -> torch.Tensor:
         looked.append(weight * frame)
         return looked[-1]
 

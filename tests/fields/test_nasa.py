@@ -48,7 +48,7 @@ def test_parts_side_by_side_equal_one_network_after_the_other(d: int, deformable
                 for k in range(depth - 1):
                     hidden = hidden + hidden @ weight[f"weights.{k}"][b] + weight[f"biases.{k}"][b, 0]
                     hidden = np.where(hidden > 0, hidden, LEAK * hidden)
-                logit = hidden @ weight["last_weight"][b] + weight["last_bias"][b, 0]
+                logit = weight["last_weight"][b] @ hidden + weight["last_bias"][b, 0]
                 np.testing.assert_allclose(parts[p, b, i], logit[0], atol=1e-12)
     logit = net.logit(torch.as_tensor(x), torch.as_tensor(B)).detach().numpy()
     np.testing.assert_array_equal(logit, parts.max(axis=1))

@@ -42,8 +42,9 @@ def test_a_step_depends_on_its_number_and_the_last_look() -> None:
     _, loss = objective()
     first = [loss(step).item() for step in range(REFRESH)]
     assert len(set(first)) == REFRESH
-    # Whatever came before in the same stretch between two looks.
+    # Whatever came before in the same stretch between two looks, and in an earlier run.
     _, again = objective()
+    again(REFRESH)
     assert again(0).item() == first[0]
     assert [again(step).item() for step in reversed(range(1, REFRESH))] == first[:0:-1]
     assert objective(seed=12)[1](0).item() != first[0]
@@ -62,13 +63,17 @@ def test_the_loss_goes_on_at_a_look_as_if_it_had_never_stopped() -> None:
 
 def test_points_are_looked_at_every_so_many_steps() -> None:
     field, loss = objective()
-    loss(0)
+    for step in range(REFRESH):
+        loss(step)
+        np.testing.assert_array_equal(loss.occupancy.sampler.mass, 1)
+    loss(REFRESH)
     seen = loss.occupancy.sampler.mass
+    assert np.abs(seen - 1).max() > 1e-3
     learn(field)
-    for step in range(1, REFRESH):
+    for step in range(REFRESH + 1, 2 * REFRESH):
         loss(step)
         np.testing.assert_array_equal(loss.occupancy.sampler.mass, seen)
-    loss(REFRESH)
+    loss(2 * REFRESH)
     assert np.abs(loss.occupancy.sampler.mass - seen).max() > 1e-3
 
 

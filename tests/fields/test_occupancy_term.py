@@ -6,7 +6,7 @@ import torch
 
 from nilbs.fields import occupancy_term
 from nilbs.fields.nilbs import NilbsField
-from nilbs.fields.occupancy_term import OccupancyTerm
+from nilbs.fields.occupancy_term import LOOKS, OccupancyTerm
 from nilbs.fields.samples import OccupancySamples
 
 
@@ -37,14 +37,18 @@ def test_points_are_drawn_by_the_squared_error_of_their_occupancy_at_the_last_lo
         error = ((occupancy(nilbs, loss) - loss.inside) ** 2).numpy()
     assert error.max() > 2 * error.mean()
     np.testing.assert_array_equal(loss.sampler.mass, 1)
-    loss.look()
-    np.testing.assert_allclose(loss.sampler.mass, 0.5 + 0.5 * error / error.mean())
+    for turn in range(1, 7):
+        loss.look(turn)
+        seen = np.arange(error.shape[1]) % LOOKS == turn % LOOKS
+        np.testing.assert_allclose(loss.sampler.mass, 0.5 + 0.5 * seen * error * error.size / error[:, seen].sum())
+    loss.look(0)
+    np.testing.assert_array_equal(loss.sampler.mass, 1)
 
 
 @pytest.mark.parametrize("changes", [{"adaptive": False}, {"factor": 0.0}])
 def test_where_points_are_not_drawn_by_error_nobody_looks(changes: dict, term) -> None:
     _, loss = term(2, **changes)
-    loss.look()
+    loss.look(1)
     np.testing.assert_array_equal(loss.sampler.mass, 1)
 
 
@@ -69,11 +73,11 @@ def test_the_field_learns_from_it(term, rng: np.random.Generator) -> None:
 
 
 def test_a_look_in_chunks_sees_the_same(term, monkeypatch) -> None:
-    nilbs, loss = term(2)
-    loss.look()
+    nilbs, loss = term(2, points=80)
+    loss.look(1)
     whole, asked, logit = loss.sampler.mass.copy(), [], nilbs.logit
     monkeypatch.setattr(occupancy_term, "LOOK", 7)
     loss.logit = lambda x, B: (asked.append(x.shape[1]), logit(x, B))[1]
-    loss.look()
+    loss.look(1)
     np.testing.assert_allclose(loss.sampler.mass, whole)
     assert asked == [7, 7, 6] * 3
