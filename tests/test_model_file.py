@@ -69,7 +69,7 @@ def test_any_truncation_and_any_addition_is_noticed(saved, tmp_path: Path, rng: 
 def test_another_version_is_named(saved, tmp_path: Path) -> None:
     contents, text = read_archive(saved[2], kind=KIND)
     write_archive(tmp_path / "old.nilbs", contents, text, kind="nilbs model 0")
-    with pytest.raises(FileFormatError, match=r"is 'nilbs model 0', not 'nilbs model 3', which this version of nilbs"):
+    with pytest.raises(FileFormatError, match=r"is 'nilbs model 0', not 'nilbs model 4', which this version of nilbs"):
         load_model(tmp_path / "old.nilbs")
 
 
