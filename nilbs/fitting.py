@@ -24,6 +24,8 @@ from nilbs.settings import UNTRAINED, Settings
 CHECKPOINT_KIND = "nilbs checkpoint 3"
 # Steps that tell how long a step takes.
 TRIAL = 20
+# That a time can have meant.
+MOST_STEPS = 10**8
 
 
 def fit(
@@ -80,7 +82,9 @@ def fit(
         If the checkpoint cannot be read.
     """
     settings = replace(settings or Settings(), **changes)
-    if minutes is not None and not (minutes > 0 and settings.steps == 0):
+    if not len(motion):
+        raise ValueError("the motion has no frames")
+    if minutes is not None and not (0 < minutes < float("inf") and settings.steps == 0):
         raise ValueError(f"minutes must be positive and stand alone, got {minutes} and {settings.steps} steps")
     settings = settings.resolved(bones=len(character.BE), d=character.d)
     report = report or silent
@@ -98,6 +102,7 @@ def fit(
     torch.manual_seed(settings.seed)
     field = build_field(character, settings).to(device=torch_device(device), dtype=dtype)
     if settings.method in UNTRAINED:
+        report(f"the method {settings.method} learns nothing: there is no training")
         return Model(character, motion, settings, np.zeros(0), field)
     objective = build_objective(field, character, motion, settings, progress=progress)
     steps = settings.steps
@@ -149,7 +154,10 @@ def _steps_within(seconds: float, field: Field, objective: Objective, learning_r
     field.load_state_dict(initial)
     step = (clock[2] - clock[1]) / TRIAL
     look = clock[3] - clock[2] - step
-    return max(1, int(seconds / (step + look / REFRESH)))
+    steps = seconds / (step + look / REFRESH)
+    if not steps < MOST_STEPS:
+        raise ValueError(f"minutes are {seconds / 60:g}, enough for {steps:.1g} steps; {MOST_STEPS:g} are the most")
+    return max(1, int(steps))
 
 
 def _fingerprint(character: Character, motion: Motion, settings: Settings, dtype: torch.dtype) -> str:
@@ -181,6 +189,9 @@ def _load_checkpoint(path: Path, fingerprint: str, report: Report) -> _Checkpoin
         raise FileFormatError(
             path, "belongs to a training with other files or settings; train without --resume to start again"
         )
-    history = tensors.pop("history")
-    report(f"continuing at step {settings['step']}")
-    return _Checkpoint(int(settings["steps"]), TrainingState(int(settings["step"]), tensors, history))
+    history = tensors.pop("history", np.zeros(0))
+    step, steps = settings.get("step"), settings.get("steps")
+    if not (type(step) is type(steps) is int and 0 <= step <= steps and history.shape == (step,)):
+        raise FileFormatError(path, "its numbers of steps do not fit; train without --resume to start again")
+    report(f"continuing at step {step} of {steps}")
+    return _Checkpoint(steps, TrainingState(step, tensors, history))

@@ -265,7 +265,7 @@ class Model:
         Raises
         ------
         ValueError
-            If the method has no such mapping.
+            If the method has no such mapping, or a shape, type or device does not fit.
         """
         return answer_in_mesh_units(self.character, self.field, x, pose, mapping=self._mapping(mapping))
 
@@ -303,7 +303,7 @@ def torch_device(name: str) -> str:
     if name == "auto":
         return "cuda" if torch.cuda.is_available() else "cpu"
     try:
-        torch.zeros(1, device=name)
-    except (RuntimeError, AssertionError) as error:
+        torch.zeros(1, device=name).cpu()  # "meta", for one, holds nothing
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
         raise ValueError(f"torch cannot use the device {name!r}: {str(error).splitlines()[0]}") from None
     return name

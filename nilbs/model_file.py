@@ -129,6 +129,8 @@ def _field(character: Character, settings: Settings, state: Mapping[str, np.ndar
             raise ValueError(f"no layer is as wide as the settings say, {settings.width}")
         if settings.depth > len(state):
             raise ValueError(f"there are fewer layers than the settings say, {settings.depth}")
+        if settings.width**2 * (settings.depth - 2) > sum(a.size for a in state.values()):
+            raise ValueError(f"it holds less than {settings.depth} layers of width {settings.width}")
     rest = None
     if settings.method == "nilbs":
         check_rest_state(state, character)

@@ -14,7 +14,7 @@ from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import transform_points
 from nilbs.geometry.validation import arrays
-from nilbs.unit_frame import at_rest, in_unit_frame, rest_center, root_bone, unit_frame
+from nilbs.unit_frame import FAR, at_rest, in_unit_frame, rest_center, root_bone, unit_frame
 
 # Points that go through a field at once; bounds the memory of a query of any size.
 CHUNK = 16_384
@@ -39,7 +39,7 @@ class PosedModel:
     Raises
     ------
     ValueError
-        If the pose has another shape, its root's transform is singular, or the field has no such mapping.
+        If the pose has another shape, a bone's transform is singular or absurdly far, or the field has no such mapping.
     """
 
     def __init__(
@@ -152,6 +152,9 @@ class PosedModel:
         """Points in pieces, in the field's frame."""
         (x,) = arrays(x=(x, f"n {self.character.d}"))
         x_unit, _ = in_unit_frame(self.character, x, self.pose)
+        far = np.flatnonzero(~(np.abs(x_unit) < FAR).all(axis=1))
+        if len(far):
+            raise ValueError(f"x[{far[0]}] = {x[far[0]].tolist()} is {FAR:g} times the character's size away, or more")
         for start in range(0, max(len(x_unit), 1), CHUNK):
             yield torch.as_tensor(x_unit[start : start + CHUNK]).to(like(self.field))
 
@@ -160,7 +163,12 @@ def answer_in_mesh_units(
     character: Character, field: Field, x: torch.Tensor, pose: torch.Tensor, *, mapping: str | None
 ) -> Answer:
     """Answers of a field at tensors (n, d) in mesh units: see `Model.answer`."""
-    x_unit, B = unit_frame(character, x, pose)
+    b, d = len(character.BE), character.d
+    for name, tensor, shape in (("x", x, (len(x), d)), ("pose", pose, (b, d + 1, d + 1))):
+        if not isinstance(tensor, torch.Tensor) or not tensor.is_floating_point() or tensor.shape != shape:
+            found = tuple(tensor.shape) if hasattr(tensor, "shape") else type(tensor).__name__
+            raise ValueError(f"{name} must be a tensor of floating-point numbers of shape {shape}, got {found}")
+    x_unit, B = unit_frame(character, x.to(pose), pose)
     answer = posed_field(field, B.to(like(field)), mapping)(x_unit.to(like(field)))
     L, center = character.L, torch.as_tensor(rest_center(character)).to(like(field))
     return Answer(answer.logit, answer.distance * L, answer.x_rest * L + center)

@@ -14,8 +14,8 @@ RESOLUTION = 128  # cells along the longest edge of the grid that surfaces are e
 # Methods that a field can be trained by, and what their networks and batches are where nothing else is asked for.
 METHODS: dict[str, dict[str, float]] = {
     "nilbs": {"learning_rate": 1e-2, "width": 96, "depth": 5, "poses_per_step": 64, "points_per_pose": 128},
-    "nasa": {"learning_rate": 1e-2, "width": 40, "depth": 4, "poses_per_step": 16, "points_per_pose": 256},
-    "nasa-rigid": {"learning_rate": 1e-2, "width": 40, "depth": 4, "poses_per_step": 16, "points_per_pose": 256},
+    "nasa": {"learning_rate": 1e-2, "width": 40, "depth": 4, "poses_per_step": 16, "points_per_pose": 64},
+    "nasa-rigid": {"learning_rate": 1e-2, "width": 40, "depth": 4, "poses_per_step": 16, "points_per_pose": 64},
     "snarf": {"learning_rate": 1e-2, "width": 64, "depth": 5, "poses_per_step": 4, "points_per_pose": 128},
     "mlp": {"learning_rate": 1e-2, "width": 256, "depth": 6, "poses_per_step": 16, "points_per_pose": 256},
     # What learns nothing needs no network, and no batch.
@@ -90,8 +90,8 @@ class Settings:
         Half of the weight loss's poses turn every bone but the roots by normal angles whose standard deviation is
         drawn, for each pose, between zero and this; in radians. 0 takes the motion's poses only.
     adaptive : bool
-        Whether half of the labelled points are drawn by the field's error; only with supervision in the volume, and not
-        for SNARF, whose look at all points would take longer than the steps between two looks.
+        Whether half of the labelled points are drawn by the field's error; only of the method "nilbs" with supervision
+        in the volume.
     mapping : str
         One of `MAPPINGS`: where the trained field takes rest images from. The training is the same.
     cache_resolution : int

@@ -6,6 +6,9 @@ import torch
 from nilbs.character import Character
 from nilbs.geometry.rotations import rigid_transforms
 
+# A determinant below this has no inverse to speak of; what is as far as this, in units of L, no single precision holds.
+SINGULAR, FAR = 1e-12, 1e6
+
 
 def rest_center(character: Character) -> np.ndarray:
     """Centre (d,) of the rest mesh's bounding box."""
@@ -44,20 +47,30 @@ def in_unit_frame(character: Character, x: np.ndarray, B: np.ndarray) -> tuple[n
     Raises
     ------
     ValueError
-        If the root's transform is singular.
+        If a bone's transform is singular, or moves the bone absurdly far from the root.
     """
-    x_unit, B_unit = unit_frame(character, *(torch.tensor(np.asarray(a), dtype=torch.float64) for a in (x, B)))
+    x_unit, B_unit = unit_frame(character, *(torch.from_numpy(np.array(a, dtype=np.float64)) for a in (x, B)))
     return x_unit.numpy(), B_unit.numpy()
 
 
 def unit_frame(character: Character, x: torch.Tensor, B: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """What `in_unit_frame` does, on tensors and differentiable."""
     d, L, center = character.d, character.L, rest_center(character)
+    _check(torch.linalg.det(B[..., :d, :d]).abs() < SINGULAR, "has a singular transform; fields take its inverse")
     root = B[..., root_bone(character), :, :]
-    if bool((torch.linalg.det(root[..., :d, :d]).abs() < 1e-12).any()):
-        raise ValueError(f"bone {root_bone(character)}, the root, has a singular transform")
     to_unit = torch.as_tensor(rigid_transforms(np.eye(d) / L, -center / L)).to(B)
     from_unit = torch.as_tensor(rigid_transforms(np.eye(d) * L, center)).to(B)
     to_root = to_unit @ torch.linalg.inv(root)
     x_unit = x @ to_root[..., :d, :d].mT + to_root[..., None, :d, d]
-    return x_unit, to_root[..., None, :, :] @ B @ from_unit
+    B_unit = to_root[..., None, :, :] @ B @ from_unit
+    far = ~(B_unit.abs().amax(dim=(-2, -1)) < FAR)
+    _check(far, f"is moved or stretched by {FAR:g} times the character's size or more against the root")
+    return x_unit, B_unit
+
+
+def _check(wrong: torch.Tensor, what: str) -> None:
+    """Name the first bone (..., b) at fault."""
+    if bool(wrong.any()):
+        *pose, bone = torch.nonzero(wrong)[0].tolist()
+        where = f" in pose {pose[0]}" if pose else ""
+        raise ValueError(f"bone {bone}{where} {what}")

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from nilbs.character import Character, assemble
 from nilbs.fields.objective import Objective
 from nilbs.fitting import CHECKPOINT_KIND, fit, remove_checkpoint
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.io.archive import read_archive
+from nilbs.io.archive import read_archive, write_archive
 from nilbs.io.errors import FileFormatError
 from nilbs.io.mesh import write_mesh
 from nilbs.io.tgf import write_tgf
@@ -147,7 +148,7 @@ def test_an_interrupted_training_goes_on_to_the_same_end(
         steps = watched(patch)
         assert_same(fit(*bar, TINY, checkpoint=path, resume=True, report=lines.append), whole)
     assert steps == list(range(step, 20))
-    assert lines == [f"continuing at step {step}"]
+    assert lines == [f"continuing at step {step} of 20"]
     # Without asking for it, the checkpoint is left aside.
     lines.clear()
     assert_same(fit(*bar, TINY, checkpoint=path, report=lines.append), whole)
@@ -269,7 +270,7 @@ def test_minutes_are_turned_into_steps_and_leave_the_model_as_steps_would(bar) -
     assert timed.settings == counted.settings
 
 
-@pytest.mark.parametrize(("minutes", "steps"), [(0.0, 0), (-1.0, 0), (1.0, 20)])
+@pytest.mark.parametrize(("minutes", "steps"), [(0.0, 0), (-1.0, 0), (1.0, 20), (float("inf"), 0)])
 def test_minutes_are_positive_and_stand_alone(minutes: float, steps: int, bar) -> None:
     with pytest.raises(ValueError, match=r"^minutes must be positive and stand alone, got "):
         fit(*bar, TINY, steps=steps, device="cpu", minutes=minutes)
@@ -286,3 +287,34 @@ def test_a_training_by_minutes_goes_on_to_the_steps_it_began_with(bar, tmp_path:
     assert steps > 40
     resumed = fit(*bar, TINY, steps=0, minutes=0.05, resume=True, **options)
     assert_same(resumed, fit(*bar, TINY, steps=steps))
+
+
+def test_more_minutes_than_anyone_can_mean_are_refused(bar) -> None:
+    with pytest.raises(ValueError, match=r"^minutes are 1e\+08, enough for .* steps; 1e\+08 are the most$"):
+        fit(*bar, TINY, steps=0, device="cpu", minutes=1e8)
+
+
+def test_a_motion_without_frames_is_refused(bar) -> None:
+    character, motion = bar
+    nothing = replace(motion, B=motion.B[:0], frames=motion.frames[:0], times=motion.times[:0])
+    with pytest.raises(ValueError, match=r"^the motion has no frames$"):
+        fit(character, nothing, TINY, device="cpu")
+
+
+def test_what_learns_nothing_says_so(bar) -> None:
+    said: list[str] = []
+    fit(*bar, replace(TINY, method="nearest"), device="cpu", report=said.append)
+    assert said == ["the method nearest learns nothing: there is no training"]
+
+
+@pytest.mark.parametrize("change", [{"step": None}, {"steps": "many"}, {"step": -1}, {"step": 3}, {"steps": 1}])
+def test_a_checkpoint_whose_steps_do_not_fit_is_refused(change: dict, bar, tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "a.checkpoint"
+    with monkeypatch.context() as patch:
+        watched(patch, interrupt_at=REFRESH)
+        with pytest.raises(KeyboardInterrupt):
+            fit(*bar, TINY, device="cpu", checkpoint=path)
+    tensors, settings = read_archive(path, kind=CHECKPOINT_KIND)
+    write_archive(path, tensors, settings | change, kind=CHECKPOINT_KIND)
+    with pytest.raises(FileFormatError, match="its numbers of steps do not fit; train without --resume"):
+        fit(*bar, TINY, device="cpu", checkpoint=path, resume=True)

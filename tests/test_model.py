@@ -107,5 +107,28 @@ def test_rest_points_are_posed_where_they_were_asked(d: int, models, rng: np.ran
 def test_devices_are_checked_by_name() -> None:
     assert torch_device("cpu") == "cpu"
     assert torch_device("auto") == ("cuda" if torch.cuda.is_available() else "cpu")
-    with pytest.raises(ValueError, match=r"^torch cannot use the device 'abacus': "):
-        torch_device("abacus")
+    for name in ("abacus", "meta"):  # the latter exists, and holds nothing
+        with pytest.raises(ValueError, match=rf"^torch cannot use the device '{name}': "):
+            torch_device(name)
+
+
+@pytest.mark.parametrize(
+    ("x", "pose", "message"),
+    [
+        (np.zeros((2, 2)), None, r"x must be a tensor of floating-point numbers of shape \(2, 2\), got \(2, 2\)$"),
+        (torch.zeros((2, 2), dtype=torch.int64), None, r"x must be a tensor of floating-point numbers"),
+        (torch.zeros((2, 3)), None, r"x must be a tensor of floating-point numbers of shape \(2, 2\), got \(2, 3\)$"),
+        (torch.zeros(2), None, r"x must be a tensor of floating-point numbers of shape \(2, 2\), got \(2,\)$"),
+        (torch.zeros((2, 2)), torch.eye(3)[None], r"pose must be a tensor .* got \(1, 3, 3\)$"),
+    ],
+)
+def test_what_are_no_tensors_of_points_and_poses_is_refused(x, pose, message: str, models) -> None:
+    known = torch.as_tensor(models[2].motion[0])
+    with pytest.raises(ValueError, match=f"^{message}"):
+        models[2].answer(x, known if pose is None else pose)
+
+
+def test_points_and_poses_of_other_precisions_are_answered_alike(models, queries) -> None:
+    x, pose = map(torch.as_tensor, queries(models[2], 50))
+    whole = models[2].answer(x, pose).distance
+    torch.testing.assert_close(models[2].answer(x.float(), pose).distance, whole, rtol=0, atol=1e-4)

@@ -113,6 +113,21 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: t["settings"].pop("steps"), "settings are"),
         (lambda c, t: t["settings"].update(width=4000), "no layer is as wide as the settings say, 4000"),
         (lambda c, t: t["settings"].update(depth=4000), "there are fewer layers than the settings say"),
+        (
+            lambda c, t: (
+                t["settings"].update(width=4096, depth=200),
+                c.update({f"field.{k}": np.zeros((0, 4096)) for k in range(200)}),
+            ),
+            "it holds less than 200 layers of width 4096",
+        ),
+        (
+            lambda c, t: c.update({"field.forward_field.weight": 0 * c["field.forward_field.weight"] + 1e38}),
+            "a rest weight lies outside 0 to 1",
+        ),
+        (
+            lambda c, t: c.update({"field.inverse.cache.origin": np.zeros(2, dtype=bool)}),
+            "inverse.cache.origin must be stored as floating-point numbers",
+        ),
     ],
 )
 def test_an_archive_that_is_no_complete_model_is_refused(change, message: str, saved, tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_what_is_no_query_is_refused(d: int, models) -> None:
         model.weights(np.full((1, d), np.nan), pose)
     singular = pose.copy()
     singular[model.root, :d, :d] = 0
-    with pytest.raises(ValueError, match=r"^bone 0, the root, has a singular transform$"):
+    with pytest.raises(ValueError, match=r"^bone 0 has a singular transform; fields take its inverse$"):
         model.rest_points(np.zeros((4, d)), singular)
     with pytest.raises(ValueError, match=r"^mapping must be one of search, .*, got 'forward'$"):
         model.occupancy(np.zeros((4, d)), pose, mapping="forward")
@@ -154,3 +154,21 @@ def test_a_failure_on_the_way_leaves_derivatives_to_be_had(d: int, models, queri
     model.answer(place, torch.as_tensor(pose)).distance.sum().backward()
     assert torch.isfinite(place.grad).all()
     assert (place.grad.norm(dim=-1) > 0.1).any()
+
+
+@DIMENSIONS
+def test_points_that_single_precision_cannot_hold_are_refused(d: int, models, queries) -> None:
+    model = models[d]
+    x, pose = queries(model, 5)
+    x[3, 1] = 1e39
+    for answer in (model.occupancy, model.distance, model.rest_points, model.posed_distance, model.weights):
+        with pytest.raises(ValueError, match=r"^x\[3\] = \[.*1e\+39.*\] is 1e\+06 times the character's size away"):
+            answer(x, pose)
+
+
+@DIMENSIONS
+def test_points_may_lie_in_memory_in_any_order(d: int, models, queries) -> None:
+    model = models[d]
+    x, pose = queries(model, 30)
+    np.testing.assert_array_equal(model.occupancy(x[::-1], pose), model.occupancy(x, pose)[::-1])
+    np.testing.assert_allclose(model.posed_distance(x[::-3], pose), model.posed_distance(x, pose)[::-3], rtol=1e-5)

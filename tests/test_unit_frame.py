@@ -55,5 +55,23 @@ def test_the_root_is_the_first_bone_without_a_parent(characters) -> None:
     assert root_bone(turned) == 1
     singular = np.repeat(np.eye(3)[None], len(turned.BE), axis=0)
     singular[1, :2, :2] = 0
-    with pytest.raises(ValueError, match=r"^bone 1, the root, has a singular transform$"):
+    with pytest.raises(ValueError, match=r"^bone 1 has a singular transform; fields take its inverse$"):
         in_unit_frame(turned, np.zeros((1, 2)), singular)
+
+
+@DIMENSIONS
+def test_bones_that_no_field_can_follow_are_named(d: int, characters) -> None:
+    c = characters[d]
+    B = np.tile(np.eye(d + 1), (3, len(c.BE), 1, 1))
+    B[2, 1, :d, :d] = 0
+    with pytest.raises(ValueError, match=r"^bone 1 in pose 2 has a singular transform; fields take its inverse$"):
+        in_unit_frame(c, np.zeros((3, 1, d)), B)
+    B[2, 1] = np.eye(d + 1)
+    for offset in (1e39, 2e6 * c.L, np.inf):
+        B[1, 2, 0, d] = offset
+        with pytest.raises(ValueError, match=r"^bone 2 in pose 1 is moved or stretched by 1e\+06 times"):
+            in_unit_frame(c, np.zeros((3, 1, d)), B)
+    # Together with the root it may go anywhere.
+    B[1, :, 0, d] = 2e6 * c.L
+    x, _ = in_unit_frame(c, np.zeros((3, 1, d)), B)
+    assert np.isfinite(x).all()

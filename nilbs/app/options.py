@@ -93,22 +93,23 @@ def add_resolution(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def whole(least: int) -> Callable[[str], int]:
-    """Type of an option that takes a whole number of at least `least`.
+def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
+    """Type of an option that takes a whole number from `least` to `most`.
 
     Examples
     --------
     >>> whole(1)("3")
     3
     """
+    limit = "on" if most == 2**31 - 1 else f"to {most}"
 
     def number(word: str) -> int:
         try:
             value = int(word)
         except ValueError:
             value = least - 1
-        if not least <= value < 2**31:
-            raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from {least} on")
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from {least} {limit}")
         return value
 
     return number

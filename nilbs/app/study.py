@@ -36,13 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seeds",
-        type=whole(1),
+        type=whole(1, 100),
         metavar="N",
         help=f"seeds on the gingerbread men and the elephant; one elsewhere (default {SEEDS})",
     )
     parser.add_argument(
         "--jobs",
-        type=whole(1),
+        type=whole(1, 256),
         metavar="N",
         help="how many trainings and scorings run at once, sharing the cores (default: one a core, each on one thread; "
         "one with --quick)",
@@ -102,13 +102,16 @@ def run(args: argparse.Namespace) -> None:
         tell(line)
     lanes = args.jobs or (1 if args.quick else cores())
     # Small networks on several threads only wait for each other.
-    threads = 1 if args.quick else int(os.environ.get("OMP_NUM_THREADS") or 0) or max(1, cores() // lanes)
+    wanted = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()  # a list tells of nested regions
+    threads = 1 if args.quick else (int(wanted) if wanted.isdecimal() else 0) or max(1, cores() // lanes)
     jobs = study.of_parts(args.only)
     todo = [job for job in jobs if not store.done(job, study)]
     tell(f"{len(todo)} of {len(jobs)} jobs are to be done" + (f", about {estimate(todo, lanes)}" if todo else ""))
     try:
         with ExitStack() as stack:
             stack.enter_context(store.alone())
+            store.sweep()
+            stack.callback(store.sweep)  # after workers that were ended while they wrote
             # A small job's process would take longer to start than the job.
             workers = [
                 stack.enter_context(Worker(store, data, fresh=not args.quick, threads=threads)) for _ in range(lanes)

@@ -61,7 +61,7 @@ class SnarfField(Field):
 
     - Networks are smaller by default, for a training of minutes on a processor: 5 linear layers of 64 units in place
       of 9 of 256, and 4 of 64 in place of 5 of 128. They have no weight normalisation and no skip connection.
-    - Labelled points are drawn uniformly, never by error, and few at a time: its search makes a point dear.
+    - Few labelled points are drawn at a time: its search makes a point dear.
     - Activations are h sigmoid(100 h), as near to a ramp as the softplus of the authors' code, and faster.
     - The softmax of the weights is over all bones, not one after the other down the tree of a human body.
     - A search takes 10 steps at the most, not 50, and begins with the map's whole derivative wherever it is asked; the

@@ -82,7 +82,7 @@ def train(
     Raises
     ------
     FloatingPointError
-        If the loss is not finite.
+        If the loss or a parameter is not finite.
     ValueError
         If the state does not fit the module.
     """
@@ -126,6 +126,8 @@ def train(
             if save is not None and latest is not None:
                 save(latest)
             raise
+    if not all(bool(torch.isfinite(parameter).all()) for parameter in parameters.values()):
+        raise FloatingPointError(f"parameters are not finite after {steps} steps; try a lower learning rate")
     return history
 
 

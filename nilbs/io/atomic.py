@@ -7,6 +7,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+# How the names of files end that are not finished.
+PART = ".part"
+
 
 @contextmanager
 def replacing(path: str | os.PathLike, mode: str = "wb") -> Iterator[Any]:
@@ -42,7 +45,7 @@ def replacing(path: str | os.PathLike, mode: str = "wb") -> Iterator[Any]:
     """
     target = Path(os.path.realpath(path))
     # To rename over a device would put a plain file in its place.
-    written = target if _is_device(target) else target.with_name(f".{target.name[:200]}.{secrets.token_hex(4)}.part")
+    written = target if _is_device(target) else target.with_name(f".{target.name[:200]}.{secrets.token_hex(4)}{PART}")
     creation = "x" if written != target else "w"
     text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
     try:

@@ -124,7 +124,7 @@ def prepared(name: str, folder: Path, data: Path | None, *, report: Report = sil
     source, path = SOURCES[name], folder / f"{name}.character"
     made_of = [] if data is None else [[file, (data / file).stat().st_size] for file in source.files]
     if path.is_file():
-        with suppress(FileFormatError):  # what cannot be read is made again
+        with suppress(FileFormatError, KeyError, TypeError, ValueError):  # what cannot be read is made again
             arrays, text = read_archive(path, kind=KIND)
             if text.get("made_of") == made_of:
                 return Character(name=name, names=tuple(map(str, text["bones"])), **arrays)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nilbs.io.atomic import replacing
+from nilbs.io.atomic import PART, replacing
 from nilbs.io.errors import FileFormatError
 from nilbs.io.strict_json import read_json
-from nilbs.study.jobs import TRAIN, Job, Plan
+from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Job, Plan
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,25 @@ class Store:
         return self.folder / "models" / f"{key}.nilbs"
 
     def result(self, job: Job) -> dict[str, Any] | None:
-        """The result of a job, where there is one that was made from an equal spec."""
+        """The result of a job, where there is one that was made from an equal spec and holds what such a job makes."""
         found = self._read(self._result(job), job)
-        return None if found is None else dict(found["result"])
+        return None if found is None or not _fits(found, _CONTENTS[job.kind]) else found
 
     def failure(self, job: Job) -> str | None:
         """Why a job failed when it was last tried, in a line."""
         found = self._read(self._failed(job), job)
-        return None if found is None else str(found["result"]["error"])
+        return None if found is None else str(found.get("error"))
+
+    def forget(self, training: Job) -> None:
+        """Count a training as not done, so that it is done again."""
+        with suppress(FileNotFoundError):
+            self._result(training).unlink()
+
+    def sweep(self) -> None:
+        """Remove what writers that were killed have left half-written; only where nobody is at work."""
+        for name in ("models", "results", "failed", "characters", "pictures"):
+            for path in (self.folder / name).rglob(f".*{PART}"):
+                path.unlink()
 
     def done(self, job: Job, plan: Plan) -> bool:
         """Whether a job need not be run.
@@ -100,7 +111,8 @@ class Store:
             return None
         if not isinstance(found, dict) or found.get("kind") != job.kind or found.get("spec") != job.spec:
             return None
-        return found if isinstance(found.get("result"), dict) else None
+        result = found.get("result")
+        return result if isinstance(result, dict) else None
 
     @staticmethod
     def _write(path: Path, job: Job, result: Mapping[str, Any]) -> None:
@@ -108,6 +120,28 @@ class Store:
         contents = {"key": job.key, "kind": job.kind, "spec": job.spec, "result": finite(result)}
         with replacing(path, "w") as file:
             file.write(json.dumps(contents, indent=1, allow_nan=False) + "\n")
+
+
+def _fits(value: Any, wanted: Any) -> bool:
+    """Whether a value of JSON has the types that are wanted, name by name."""
+    if isinstance(wanted, Mapping):
+        return isinstance(value, dict) and all(name in value and _fits(value[name], wanted[name]) for name in wanted)
+    return isinstance(value, wanted)
+
+
+_NUMBER = (int, float)
+# What the result of a job of each kind holds at least.
+_CONTENTS: Mapping[str, Mapping[str, Any]] = {
+    TRAIN: {"stamp": str, "seconds": _NUMBER, "resumed": bool, "steps": int, "wall_seconds": _NUMBER},
+    SCORE: {
+        "scores": {"controls": dict, "query_seconds": dict, "poses": dict, "rows": dict},
+        "trained": str,
+        "wall_seconds": _NUMBER,
+    },
+    PICTURE: {"pictures": list, "wall_seconds": _NUMBER},
+    TWIST: {"table": list, "wall_seconds": _NUMBER},
+    FAILURES: {"pictures": list, "wall_seconds": _NUMBER},
+}
 
 
 def finite(value: Any) -> Any:

@@ -14,12 +14,15 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from time import perf_counter, sleep
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nilbs.memory import peak_memory_mib
 from nilbs.study.characters import motion_of, prepared
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Job
 from nilbs.study.store import Store
+
+if TYPE_CHECKING:
+    from nilbs.model import Model
 
 _WATCH = 2.0  # seconds between two looks at whether anybody still waits for the answer
 
@@ -57,6 +60,8 @@ def do(job: Job, store: Store, data: Path | None) -> bool:
     try:
         result = _KINDS[job.kind](job, store, data)
         store.write(job, {**result, "wall_seconds": perf_counter() - start})
+        if job.kind == TRAIN:  # not before its result is safe too
+            _checkpoint(job, store).unlink(missing_ok=True)
     except Exception as error:  # one failed job must not end the study
         details = traceback.format_exc()
         sys.stderr.write(details)
@@ -77,9 +82,7 @@ def _train(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
     changes = dict(spec["settings"]) | {"seed": spec["seed"]}
     if spec["minutes"] is not None:
         changes["minutes"] = spec["minutes"]
-    # Named after what it belongs to, so that a training of before with other settings is not in the way.
-    digest = hashlib.sha256(json.dumps(spec, sort_keys=True).encode()).hexdigest()[:12]
-    checkpoint = path.with_name(f"{path.stem}.{digest}.checkpoint")
+    checkpoint = _checkpoint(job, store)
     resumed, start = checkpoint.exists(), perf_counter()
     try:
         model = fit(
@@ -96,7 +99,6 @@ def _train(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
         )
     seconds = perf_counter() - start
     model.save(path)
-    remove_checkpoint(checkpoint)
     return {
         "stamp": os.urandom(8).hex(),
         "seconds": seconds,
@@ -112,13 +114,30 @@ def _train(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
     }
 
 
+def _checkpoint(job: Job, store: Store) -> Path:
+    """Where a training is kept while it runs; named after its spec, so that one of other settings is not in the way."""
+    path, digest = store.model(job.key), hashlib.sha256(json.dumps(job.spec, sort_keys=True).encode())
+    return path.with_name(f"{path.stem}.{digest.hexdigest()[:12]}.checkpoint")
+
+
+def _model(job: Job, store: Store) -> "Model":
+    """The model that a job reads; one that cannot be read is to be trained again."""
+    from nilbs.io.errors import FileFormatError
+    from nilbs.model_file import load_model
+
+    try:
+        return load_model(store.model(job.spec["training"]))
+    except FileFormatError as error:
+        store.forget(Job(job.spec["training"], TRAIN, job.spec["of"]))
+        raise ValueError(f"{error}; the same command trains it again") from None
+
+
 def _score(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
     from nilbs.evaluation import evaluate
-    from nilbs.model_file import load_model
 
     spec = job.spec
     scores = evaluate(
-        load_model(store.model(spec["training"])),
+        _model(job, store),
         points=spec["points"],
         resolution=spec["resolution"],
         seed=spec["seed"],
@@ -134,9 +153,8 @@ def _score(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
 def _picture(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
     from nilbs.evaluation import evaluation_poses
     from nilbs.figures import reconstruction_figure
-    from nilbs.model_file import load_model
 
-    model = load_model(store.model(job.spec["training"]))
+    model = _model(job, store)
     sets = {name: evaluation_poses(model.character, model.motion, name, seed=0) for name in ("seen", "unseen", "far")}
     # Not the first frame of a motion, which often is the rest pose.
     poses = {f"{name} pose {len(B) // 2}": B[len(B) // 2] for name, B in sets.items() if len(B)}

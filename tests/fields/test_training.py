@@ -175,6 +175,14 @@ def test_a_loss_that_is_not_finite_stops_with_the_step() -> None:
         assert torch.equal(a, b)
 
 
+def test_parameters_that_are_not_finite_in_the_end_are_no_result() -> None:
+    net = module()
+    with pytest.raises(
+        FloatingPointError, match=r"^parameters are not finite after 1 steps; try a lower learning rate$"
+    ):
+        train(net, lambda step: net[0].bias.sum(), steps=1, learning_rate=1e300)
+
+
 @pytest.mark.parametrize("damage", ["missing", "shape"])
 def test_a_state_of_another_network_is_refused(damage: str) -> None:
     states: list[TrainingState] = []

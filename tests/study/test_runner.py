@@ -60,6 +60,51 @@ def test_a_damaged_result_is_none(store, pretender) -> None:
         assert store.result(study.jobs[1]) is None
 
 
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda result: result.clear(),
+        lambda result: result.pop("wall_seconds"),
+        lambda result: result.update(wall_seconds="long"),
+        lambda result: result.pop("scores"),
+        lambda result: result.update(scores=[1]),
+        lambda result: result["scores"].pop("controls"),
+        lambda result: result["scores"].update(poses=None),
+    ],
+)
+def test_a_result_that_lacks_what_such_a_job_makes_is_none(spoil, store, pretender) -> None:
+    study = a_plan()
+    ran(study, store, pretender())
+    path = store.folder / "results" / "arm" / "scores.json"
+    contents = json.loads(path.read_text())
+    spoil(contents["result"])
+    path.write_text(json.dumps(contents))
+    assert ran(study, store, pretender()) == ["arm/scores"]
+
+
+def test_a_model_that_cannot_be_read_is_trained_again(store, pretender, capfd) -> None:
+    study = a_plan()
+    ran(study, store, pretender())
+    (store.folder / "results" / "arm" / "scores.json").unlink()
+    training, scoring, _ = study.jobs
+    spec = {"training": training.key, "noise": 0.006, **scoring.spec}
+    assert not do(Job(scoring.key, "score", spec, training.key), store, None)
+    assert "the same command trains it again" in str(store.failure(Job(scoring.key, "score", spec, training.key)))
+    assert not store.done(training, study)
+    assert ran(study, store, pretender()) == ["arm/nilbs", "arm/scores", "arm/far"]
+
+
+def test_what_was_left_half_written_is_swept_away_and_nothing_else(store, pretender) -> None:
+    study = a_plan()
+    ran(study, store, pretender())
+    kept = {path for path in store.folder.rglob("*") if path.is_file()}
+    for place in ("models/arm/.nilbs.nilbs.0a1b2c3d.part", "results/arm/.far.json.12345678.part"):
+        (store.folder / place).write_bytes(b"half")
+    (store.folder / "my notes.part").write_text("mine")
+    store.sweep()
+    assert {path for path in store.folder.rglob("*") if path.is_file()} == kept | {store.folder / "my notes.part"}
+
+
 def test_a_model_that_is_not_kept_goes_when_all_that_need_it_are_done(store, pretender) -> None:
     study = a_plan(keep=False)
     ran(study, store, pretender(), jobs=study.jobs[:2])
