@@ -122,7 +122,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         ),
         (
             lambda c, t: c.update({"field.forward_field.weight": 0 * c["field.forward_field.weight"] + 1e38}),
-            "a rest weight lies outside 0 to 1",
+            "a rest weight is 100 or more",
         ),
         (
             lambda c, t: c.update({"field.inverse.cache.origin": np.zeros(2, dtype=bool)}),
