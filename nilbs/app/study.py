@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.output import show
     from nilbs.app.poses import tell
     from nilbs.io import check_writable
-    from nilbs.study.characters import available
+    from nilbs.study.characters import available, made_of
     from nilbs.study.outputs import FILES, command_line, cores, write_outputs
     from nilbs.study.plan import plan
     from nilbs.study.runner import Worker, estimate
@@ -81,12 +81,15 @@ def run(args: argparse.Namespace) -> None:
     given = args.data or os.environ.get("NILBS_DATA")
     data = Path(given) if given and not args.quick else None
     if args.data and not Path(args.data).is_dir():
-        raise ValueError(f"{args.data}: there is no such folder")
+        raise ValueError(f"{args.data}: this is no folder; --data names one that holds arm/, elephant/ and makehuman/")
     characters, left_out = available(data)
     if args.quick:
         scale, left_out = quick_scale(), []
     else:
-        scale = full_scale(list(characters), minutes=args.minutes or MINUTES, seeds=args.seeds or SEEDS)
+        digests = {name: made_of(source, data) for name, source in characters.items()}
+        scale = full_scale(
+            list(characters), minutes=args.minutes or MINUTES, seeds=args.seeds or SEEDS, made_of=digests
+        )
     study = plan(scale, left_out)
     store = Store(Path(args.out).resolve())
     store.folder.mkdir(parents=True, exist_ok=True)

@@ -4,6 +4,7 @@ import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,6 +95,21 @@ def available(data: Path | None) -> tuple[dict[str, Source], list[str]]:
     return found, left_out
 
 
+def made_of(source: Source, data: Path | None) -> str:
+    """A digest of a character's files; "" of one that needs none.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    """
+    digest = sha256()
+    for file in source.files:
+        assert data is not None
+        digest.update(sha256((data / file).read_bytes()).digest())
+    return digest.hexdigest()[:16] if source.files else ""
+
+
 def prepared(name: str, folder: Path, data: Path | None, *, report: Report = silent) -> "Character":
     """A character with its weights, solved for once and kept.
 
@@ -122,15 +138,15 @@ def prepared(name: str, folder: Path, data: Path | None, *, report: Report = sil
     from nilbs.io.errors import FileFormatError
 
     source, path = SOURCES[name], folder / f"{name}.character"
-    made_of = [] if data is None else [[file, (data / file).stat().st_size] for file in source.files]
+    files = made_of(source, data)
     if path.is_file():
         with suppress(FileFormatError, KeyError, TypeError, ValueError):  # what cannot be read is made again
             arrays, text = read_archive(path, kind=KIND)
-            if text.get("made_of") == made_of:
+            if text.get("made_of") == files:
                 return Character(name=name, names=tuple(map(str, text["bones"])), **arrays)
     character = _loaded(source, data, report)
     names = ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume")
-    text = {"made_of": made_of, "bones": list(character.names)}
+    text = {"made_of": files, "bones": list(character.names)}
     folder.mkdir(parents=True, exist_ok=True)
     write_archive(path, {array: getattr(character, array) for array in names}, text, kind=KIND)
     return Character(name=name, names=character.names, **{array: getattr(character, array) for array in names})

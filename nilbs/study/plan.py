@@ -336,6 +336,7 @@ def _train(
         "minutes": None if minutes is None else float(minutes),
         "seed": seed,
         "settings": changes,
+        "made_of": scale.made_of.get(character, ""),
         "defaults": defaults(),
     }
     seconds = 60 * (minutes or 0.02) + 0.15 * training_frames + _START_SECONDS

@@ -50,6 +50,8 @@ class Scale:
         Training time in sweeps; None where `settings` tell the steps.
     settings : mapping
         Settings of every training.
+    made_of : mapping of str to str
+        Digests of the characters' files: results that were made of others do not count.
     points, resolution : int
         Of scores.
     poses, sweep_poses : tuple of str
@@ -69,6 +71,7 @@ class Scale:
     minutes: Mapping[str, float]
     sweep_minutes: float | None
     settings: Mapping[str, Any] = field(default_factory=dict)
+    made_of: Mapping[str, str] = field(default_factory=dict)
     points: int = POINTS
     resolution: int = RESOLUTION
     poses: tuple[str, ...] = POSE_SETS
@@ -82,7 +85,7 @@ class Scale:
     twist: Mapping[str, Any] = field(default_factory=dict)
 
 
-def full_scale(names: Sequence[str], *, minutes: float, seeds: int) -> Scale:
+def full_scale(names: Sequence[str], *, minutes: float, seeds: int, made_of: Mapping[str, str] | None = None) -> Scale:
     """The study as it is meant.
 
     Parameters
@@ -93,6 +96,8 @@ def full_scale(names: Sequence[str], *, minutes: float, seeds: int) -> Scale:
         Training time of the elephant and of MakeHuman's body; two fifths of it in sweeps, a fifth of it elsewhere.
     seeds : int
         Of the gingerbread men and the elephant; one for the others and in sweeps.
+    made_of : mapping of str to str, optional
+        Digests of the characters' files.
     """
     several = ("gingerbread-2d", "gingerbread-3d", "elephant")
     return Scale(
@@ -100,6 +105,7 @@ def full_scale(names: Sequence[str], *, minutes: float, seeds: int) -> Scale:
         sweep="elephant" if "elephant" in names else None,
         minutes={name: minutes * (1.0 if name in ("elephant", "makehuman") else 0.2) for name in names},
         sweep_minutes=0.4 * minutes,
+        made_of=dict(made_of or {}),
         twist={"minutes": 0.4 * minutes, "resolution": RESOLUTION},
     )
 

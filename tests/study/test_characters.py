@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nilbs.study.characters import motion_of, prepared
+from nilbs.study.characters import SOURCES, made_of, motion_of, prepared
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +45,11 @@ def test_other_files_make_another_character(folder, tmp_path, monkeypatch) -> No
     (tmp_path / "arm" / "arm.obj").write_text("v 0 0 0\n")
     prepared("arm", folder, tmp_path)
     assert calls == [1, 1]
+    before = made_of(SOURCES["arm"], tmp_path)
+    (tmp_path / "arm" / "arm.obj").write_text("v 0 0 1\n")  # no longer than it was
+    assert made_of(SOURCES["arm"], tmp_path) != before
+    prepared("arm", folder, tmp_path)
+    assert calls == [1, 1, 1]
 
 
 def test_a_motion_has_as_many_frames_as_asked_for_and_a_seed(folder) -> None:

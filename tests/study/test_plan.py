@@ -131,6 +131,16 @@ def test_a_part_brings_the_trainings_that_it_needs(full) -> None:
     assert all(job.kind == TRAIN or job.key.startswith("amplitude/") for job in jobs)
 
 
+def test_jobs_of_other_files_are_other_jobs() -> None:
+    def specs(digest: str) -> dict[str, dict]:
+        made = plan(full_scale(["gingerbread-2d", "arm"], minutes=5, seeds=1, made_of={"arm": digest}))
+        return {job.key: job.spec for job in made.jobs}
+
+    one, other = specs("a"), specs("b")
+    changed = {key for key in one if one[key] != other[key]}
+    assert changed == {key for key in one if "arm" in key}
+
+
 def test_two_jobs_of_one_name_are_refused() -> None:
     builder = Builder()
     first = builder.job(Job("a", "twist", {"seed": 0}))

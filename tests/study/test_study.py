@@ -15,7 +15,7 @@ def test_what_cannot_be_meant_is_refused(tmp_path, capsys) -> None:
     assert main(["study", "--out", out, "--quick", "--seeds", "2"]) == 2
     assert "--seeds cannot stand beside --quick" in capsys.readouterr().err
     assert main(["study", "--out", out, "--data", str(tmp_path / "none")]) == 2
-    assert "there is no such folder" in capsys.readouterr().err
+    assert "this is no folder; --data names one that holds" in capsys.readouterr().err
     for words in (["--minutes", "0"], ["--only", "everything"], ["--seeds", "0"]):
         with pytest.raises(SystemExit) as stop:
             main(["study", "--out", out, *words])
