@@ -139,9 +139,9 @@ class Settings:
                 raise ValueError(f"{field.name} must be of type {kind.__name__}, got {value!r}")
             if kind in (int, float) and not 0 <= value < 1e9:
                 raise ValueError(f"{field.name} must lie between 0 and 1e9, got {value!r}")
-        for name in ("samples_per_frame", "cache_width"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        for name, least in (("samples_per_frame", 1), ("cache_width", 1e-6)):
+            if not getattr(self, name) >= least:
+                raise ValueError(f"{name} must be at least {least:g}, got {getattr(self, name)!r}")
         if max(self.width, self.depth) > WIDEST:
             raise ValueError(f"width and depth must be at most {WIDEST}, got {self.width} and {self.depth}")
         if self.depth == 1:

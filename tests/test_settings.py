@@ -41,7 +41,7 @@ def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, ce
         ({"cache_resolution": -1}, "cache_resolution must lie between 0 and 1e9, got -1"),
         ({"ghost": 1}, "ghost must be of type bool, got 1"),
         ({"method": "magic"}, f"method must be one of {', '.join(METHODS)}, got 'magic'"),
-        ({"cache_width": 0.0}, "cache_width must be positive, got 0.0"),
+        ({"cache_width": 0.0}, "cache_width must be at least 1e-06, got 0.0"),
         ({"width": 100_000}, "width and depth must be at most 4096, got 100000 and 0"),
         ({"depth": 1}, "depth must be at least 2, got 1"),
         ({"supervision": "none"}, "supervision must be one of volume, paper, got 'none'"),

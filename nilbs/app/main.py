@@ -1,6 +1,7 @@
 """`nilbs <command>`: which commands there are, and how a user's mistake ends."""
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -103,6 +104,8 @@ def _message(error: Exception) -> str | None:
     if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("nilbs"):
         package = error.name.partition(".")[0]
         return f"the package {package} is not installed: pip install {_PACKAGES.get(package, package)}"
+    if isinstance(error, FileExistsError) and error.strerror == os.strerror(errno.EEXIST):  # of a folder to be made
+        return f"{os.fsdecode(error.filename)}: this is a file, where a folder is wanted"
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{os.fsdecode(error.filename)}: {error.strerror}"
     if isinstance(error, MemoryError):

@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.study.runner import Worker, estimate
     from nilbs.study.runner import run as run_jobs
     from nilbs.study.scale import full_scale, quick_scale
-    from nilbs.study.store import Store
+    from nilbs.study.store import FOLDERS, Store
 
     for option, value in (("--minutes", args.minutes), ("--seeds", args.seeds)):
         if args.quick and value is not None:
@@ -92,7 +92,8 @@ def run(args: argparse.Namespace) -> None:
         )
     study = plan(scale, left_out)
     store = Store(Path(args.out).resolve())
-    store.folder.mkdir(parents=True, exist_ok=True)
+    for name in FOLDERS:
+        (store.folder / name).mkdir(parents=True, exist_ok=True)
     for name in FILES:
         check_writable(store.folder / name)
 

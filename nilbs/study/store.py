@@ -12,6 +12,8 @@ from nilbs.io.errors import FileFormatError
 from nilbs.io.strict_json import read_json
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Job, Plan
 
+FOLDERS = ("models", "results", "failed", "characters", "pictures")
+
 
 @dataclass(frozen=True)
 class Store:
@@ -20,7 +22,7 @@ class Store:
     Attributes
     ----------
     folder : path
-        models/, results/, failed/, characters/ and pictures/ are made in it as they are needed.
+        It holds `FOLDERS`, which are made as they are needed.
     """
 
     folder: Path
@@ -67,7 +69,7 @@ class Store:
 
     def sweep(self) -> None:
         """Remove what writers that were killed have left half-written; only where nobody is at work."""
-        for name in ("models", "results", "failed", "characters", "pictures"):
+        for name in FOLDERS:
             for path in (self.folder / name).rglob(f".*{PART}"):
                 path.unlink()
 

@@ -16,11 +16,27 @@ def test_what_cannot_be_meant_is_refused(tmp_path, capsys) -> None:
     assert "--seeds cannot stand beside --quick" in capsys.readouterr().err
     assert main(["study", "--out", out, "--data", str(tmp_path / "none")]) == 2
     assert "this is no folder; --data names one that holds" in capsys.readouterr().err
-    for words in (["--minutes", "0"], ["--only", "everything"], ["--seeds", "0"]):
+    for words in (["--minutes", "0"], ["--only", "everything"], ["--seeds", "0"], ["--seeds", "101"]):
         with pytest.raises(SystemExit) as stop:
             main(["study", "--out", out, *words])
         assert stop.value.code == 2
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("taken", "message"),
+    [
+        ("out", "out/models: Not a directory\n"),
+        ("out/pictures", "pictures: this is a file, where a folder is wanted\n"),
+    ],
+)
+def test_a_file_where_a_folder_is_wanted_is_told_before_the_work(taken: str, message: str, tmp_path, capsys) -> None:
+    path = tmp_path / taken
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("mine")
+    assert main(["study", "--out", str(tmp_path / "out"), "--quick"]) == 2
+    assert capsys.readouterr().err.endswith(message)
+    assert path.read_text() == "mine"
 
 
 def test_a_stop_leaves_tables_and_says_how_to_go_on(tmp_path, capsys, monkeypatch) -> None:
