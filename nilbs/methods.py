@@ -121,7 +121,7 @@ def build_objective(
             _labelled(scene, motion, progress=progress),
             **_batch(settings),
             factor=settings.occupancy_loss,
-            # It helps the default method; it held NASA back, and a look of SNARF takes longer than its steps.
+            # Of the default method; rivals draw uniformly, as in their papers.
             adaptive=settings.adaptive and not paper and settings.method == "nilbs",
             absolute=paper,
         )

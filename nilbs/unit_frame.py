@@ -6,8 +6,10 @@ import torch
 from nilbs.character import Character
 from nilbs.geometry.rotations import rigid_transforms
 
-# A determinant below this has no inverse to speak of; what is as far as this, in units of L, no single precision holds.
-SINGULAR, FAR = 1e-12, 1e6
+# Determinant of a transform without an inverse to speak of.
+SINGULAR = 1e-12
+# In units of L: what is farther away, single precision tells nothing of.
+FAR = 1e6
 
 
 def rest_center(character: Character) -> np.ndarray:

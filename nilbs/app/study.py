@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="everything once, on the gingerbread men, in two minutes; numbers mean nothing",
+        help="everything once, on the gingerbread men, in minutes; numbers mean nothing",
     )
     parser.add_argument(
         "--minutes",

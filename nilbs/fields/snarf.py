@@ -317,8 +317,7 @@ class SnarfBoneTerm:
     Notes
     -----
     Differs from the paper: there both end with the first pass over the data, which a training of minutes hardly
-    completes; here they stay. Ended after a third of the steps they left the field worse, on the gingerbread man and on
-    the elephant.
+    completes; here they stay to the end.
     """
 
     def __init__(

@@ -138,15 +138,15 @@ def prepared(name: str, folder: Path, data: Path | None, *, report: Report = sil
     from nilbs.io.errors import FileFormatError
 
     source, path = SOURCES[name], folder / f"{name}.character"
-    files = made_of(source, data)
+    digest = made_of(source, data)
     if path.is_file():
         with suppress(FileFormatError, KeyError, TypeError, ValueError):  # what cannot be read is made again
             arrays, text = read_archive(path, kind=KIND)
-            if text.get("made_of") == files:
+            if text.get("made_of") == digest:
                 return Character(name=name, names=tuple(map(str, text["bones"])), **arrays)
     character = _loaded(source, data, report)
     names = ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume")
-    text = {"made_of": files, "bones": list(character.names)}
+    text = {"made_of": digest, "bones": list(character.names)}
     folder.mkdir(parents=True, exist_ok=True)
     write_archive(path, {array: getattr(character, array) for array in names}, text, kind=KIND)
     return Character(name=name, names=character.names, **{array: getattr(character, array) for array in names})

@@ -7,8 +7,8 @@ from functools import cache
 from hashlib import sha256
 from typing import Any
 
-from nilbs.settings import MAPPINGS, METHODS, NOISE, POINTS, RESOLUTION, Settings
-from nilbs.study.characters import SOURCES
+from nilbs.settings import MAPPINGS, METHODS, NOISE, Settings
+from nilbs.study.durations import ASKS_ALL_BONES, ASKS_BONES, scoring_seconds, training_seconds
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Builder, Entry, Job, Plan
 from nilbs.study.scale import ABLATIONS, TRAINED, Scale
 
@@ -21,7 +21,6 @@ UNLEARNED = ("nearest", "rigid-parts", "floor", "mesh-lbs")
 SURFACE_ROWS = ("floor", "inverse", "nearest")
 # What asks every bone for every point takes too long on a rig with so many, and for surfaces.
 MANY_BONES = ("makehuman",)
-ASKS_ALL_BONES = ("snarf", "all-bones")
 # What is left out for the time that it takes, by the character that it is left out of.
 SPARED = {
     "elephant": "SNARF is not scored on interpolated poses, in sweeps on unseen poses alone, and its surfaces on the "
@@ -29,31 +28,9 @@ SPARED = {
     "makehuman": "On MakeHuman's body NASA is scored on seen and unseen poses and SNARF on unseen ones, both without "
     "surfaces; rigid parts and the search from all bones are left out",
 }
-ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")  # the same, without a search from each
 SURFACE_SETS = ("seen", "unseen")
-# Seconds a pose on one thread, measured on the elephant: the truth and both point sets; the points of a row; its
-# surface at 128 cells; distances. The first two grow with the bones where all of them are asked.
-_TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.0, 2.0, 5.0
-_POINTS_SECONDS = {
-    "nilbs": 0.9,
-    "nasa": 3.3,
-    "nasa-rigid": 2.5,
-    "snarf": 22.0,
-    "mlp": 1.4,
-    "mesh-lbs": 1.2,
-    "floor": 0.0,
-    "nearest": 1.6,
-    "rigid-parts": 6.0,
-    "all-bones": 11.0,
-    "inverse": 0.2,
-    "reverse": 0.2,
-    "one-search": 0.6,
-    "fixed-point": 0.6,
-}
-_SURFACE_SECONDS = {"snarf": 46.0, "nasa": 8.0, "nasa-rigid": 6.0}
 # Where surfaces of slow methods are worth it.
 _ALL_SURFACES = ("elephant", "gingerbread-2d")
-_BONES = {"gingerbread-2d": 13, "gingerbread-3d": 13, "arm": 4, "elephant": 24, "makehuman": 163}
 
 
 def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
@@ -339,8 +316,7 @@ def _train(
         "made_of": scale.made_of.get(character, ""),
         "defaults": defaults(),
     }
-    seconds = 60 * (minutes or 0.02) + 0.15 * training_frames + _START_SECONDS
-    return builder.job(Job(key, TRAIN, spec, keep=keep, seconds=seconds))
+    return builder.job(Job(key, TRAIN, spec, keep=keep, seconds=training_seconds(minutes, training_frames)))
 
 
 def _score(
@@ -371,7 +347,7 @@ def _score(
         "distances": distances,
     }
     method = training.spec["settings"].get("method", "nilbs")
-    job = Job(key, SCORE, spec, training.key, seconds=_scoring_seconds(training.spec["character"], method, spec))
+    job = Job(key, SCORE, spec, training.key, seconds=scoring_seconds(training.spec["character"], method, spec))
     job = builder.job(job)
     entry = replace(entry, job=job.key)
     shown = ("", *rows) if own else tuple(rows)
@@ -382,16 +358,6 @@ def _score(
 def _row_name(entry: Entry, row: str) -> str:
     """What a row beside a model is called: on the default model by its own name, elsewhere after the model."""
     return row if entry.method in ("nilbs", "default") else f"{entry.method}: {row}"
-
-
-def _scoring_seconds(character: str, method: str, spec: Mapping[str, Any]) -> float:
-    share, poses = spec["points"] / POINTS, 10 * len(spec["poses"])
-    cells = (spec["resolution"] / RESOLUTION) ** 2 * (0.05 if SOURCES[character].dim == 2 else 1.0)
-    seconds = (_TRUTH_SECONDS + _DISTANCE_SECONDS * spec["distances"]) * share
-    for name in (method, *spec["rows"]):
-        bones = _BONES[character] / _BONES["elephant"] if name in ASKS_BONES else 1.0
-        seconds += bones * (_POINTS_SECONDS.get(name, 1.0) * share + _SURFACE_SECONDS.get(name, 3.0) * cells)
-    return _START_SECONDS + poses * seconds
 
 
 def _inverse(settings: Mapping[str, Any]) -> tuple[str, ...]:

@@ -150,7 +150,7 @@ def order(methods: Iterable[str]) -> list[str]:
 
 
 def _overview_table(plan: Plan, known: Sequence[Score], titles: Mapping[str, str]) -> Table:
-    """Every method on every character, on poses that no training saw."""
+    """Every method on every character, on random poses."""
     jobs = plan.by_key
     entries = [e for e in plan.entries if e.part == "methods" and jobs[e.job].kind == SCORE]
     names = order(entry.method for entry in entries)

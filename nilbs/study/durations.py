@@ -1,0 +1,48 @@
+"""How long jobs of the study take, roughly: what is told before and while it runs."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from nilbs.settings import POINTS, RESOLUTION
+from nilbs.study.characters import SOURCES
+
+# What begins a search at every bone for every point, and what asks every bone without a search.
+ASKS_ALL_BONES = ("snarf", "all-bones")
+ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")
+# Seconds a pose on one thread, measured on the elephant: the truth and both point sets; the points of a row; its
+# surface at 128 cells; distances. The first two grow with the bones where all of them are asked.
+_TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.0, 2.0, 5.0
+_POINTS_SECONDS = {
+    "nilbs": 0.9,
+    "nasa": 3.3,
+    "nasa-rigid": 2.5,
+    "snarf": 22.0,
+    "mlp": 1.4,
+    "mesh-lbs": 1.2,
+    "floor": 0.0,
+    "nearest": 1.6,
+    "rigid-parts": 6.0,
+    "all-bones": 11.0,
+    "inverse": 0.2,
+    "reverse": 0.2,
+    "one-search": 0.6,
+    "fixed-point": 0.6,
+}
+_SURFACE_SECONDS = {"snarf": 46.0, "nasa": 8.0, "nasa-rigid": 6.0}
+_BONES = {"gingerbread-2d": 13, "gingerbread-3d": 13, "arm": 4, "elephant": 24, "makehuman": 163}
+
+
+def training_seconds(minutes: float | None, frames: int) -> float:
+    """Of a training, with its frames labelled."""
+    return 60 * (minutes or 0.02) + 0.15 * frames + _START_SECONDS
+
+
+def scoring_seconds(character: str, method: str, spec: Mapping[str, Any]) -> float:
+    """Of the scoring with this spec of a model of the method."""
+    share, poses = spec["points"] / POINTS, 10 * len(spec["poses"])
+    cells = (spec["resolution"] / RESOLUTION) ** 2 * (0.05 if SOURCES[character].dim == 2 else 1.0)
+    seconds = (_TRUTH_SECONDS + _DISTANCE_SECONDS * spec["distances"]) * share
+    for name in (method, *spec["rows"]):
+        bones = _BONES[character] / _BONES["elephant"] if name in ASKS_BONES else 1.0
+        seconds += bones * (_POINTS_SECONDS.get(name, 1.0) * share + _SURFACE_SECONDS.get(name, 3.0) * cells)
+    return _START_SECONDS + poses * seconds
