@@ -24,6 +24,20 @@ METHODS: dict[str, dict[str, float]] = {
     "mesh-lbs": {},
 }
 UNTRAINED = ("nearest", "rigid-parts", "mesh-lbs")
+# What the method "nilbs" alone reads: settings of its rest grids, its weight network, its search and its own losses.
+ONLY_NILBS = (
+    "shell",
+    "encoding",
+    "ghost",
+    "forward",
+    "position_loss",
+    "random_pose_std",
+    "adaptive",
+    "mapping",
+    "cache_resolution",
+    "weight_resolution",
+    "cache_width",
+)
 # Where a field of the method "nilbs" takes rest images from.
 MAPPINGS = {
     "search": "a root search on the forward weights, from the network's answer and from every part that lies there",

@@ -29,14 +29,18 @@ def run(args: argparse.Namespace) -> None:
     from pathlib import Path
 
     from nilbs.app.output import show
-    from nilbs.app.scoring import write_scores
+    from nilbs.app.scoring import SCORE_FILES, write_scores
     from nilbs.io import check_writable
     from nilbs.model_file import load_model
 
     model = load_model(args.model)
     if args.out is not None:
+        from nilbs.figures import figure_files, write_figures
+
+        # Before the work: what would fail only after it.
         Path(args.out).mkdir(parents=True, exist_ok=True)
-        check_writable(Path(args.out) / "scores.json")
+        for name in (*SCORE_FILES, *figure_files(model)):
+            check_writable(Path(args.out) / name)
 
     from nilbs.evaluation import evaluate
 
@@ -44,8 +48,6 @@ def run(args: argparse.Namespace) -> None:
         model, points=args.points, resolution=args.resolution, seed=args.seed, rows=args.rows, progress=True
     )
     if args.out is not None:
-        from nilbs.figures import write_figures
-
         write_scores(scores, Path(args.out))
         write_figures(model, args.out, resolution=args.resolution)
     show(scores.json(), as_json=args.json, table=str(scores))

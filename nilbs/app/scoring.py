@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from nilbs.evaluation import Scores
 
+SCORE_FILES = ("scores.json", "scores.txt")
+
 
 def write_scores(scores: "Scores", folder: Path) -> tuple[Path, Path]:
     """Write scores for programs and for people.
@@ -20,7 +22,7 @@ def write_scores(scores: "Scores", folder: Path) -> tuple[Path, Path]:
     Returns
     -------
     files : tuple of path
-        `scores.json` and `scores.txt`.
+        Those of `SCORE_FILES`.
 
     Raises
     ------
@@ -30,9 +32,9 @@ def write_scores(scores: "Scores", folder: Path) -> tuple[Path, Path]:
     from nilbs.app.output import plain
     from nilbs.io import replacing
 
-    files = folder / "scores.json", folder / "scores.txt"
-    with replacing(files[0], "w") as file:
+    for_programs, for_people = (folder / name for name in SCORE_FILES)
+    with replacing(for_programs, "w") as file:
         file.write(json.dumps(plain(scores.json()), indent=1, allow_nan=False) + "\n")
-    with replacing(files[1], "w") as file:
+    with replacing(for_people, "w") as file:
         file.write(f"{scores}\n")
-    return files
+    return for_programs, for_people

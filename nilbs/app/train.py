@@ -5,7 +5,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from nilbs.app.options import add_character, add_json, add_motion, add_seed, add_solve, not_negative, positive, whole
-from nilbs.settings import AMPLITUDE, FRAMES, METHODS, Settings
+from nilbs.settings import AMPLITUDE, FRAMES, METHODS, ONLY_NILBS, UNTRAINED, Settings
 
 if TYPE_CHECKING:
     from nilbs.character import Character
@@ -138,7 +138,7 @@ def chosen_settings(args: argparse.Namespace) -> Settings:
     Raises
     ------
     ValueError
-        If there is no such setting, an option of its own names it, or its value is none.
+        If there is no such setting, an option of its own names it, the method does not read it, or its value is none.
     """
     default = Settings()
     own = {"method": args.method, "supervision": args.supervision, "seed": args.seed, "steps": args.steps}
@@ -148,6 +148,10 @@ def chosen_settings(args: argparse.Namespace) -> Settings:
         if name not in asdict(default) or name in own:
             known = ", ".join(other for other in asdict(default) if other not in own)
             raise ValueError(f"--set {given}: the settings are {known}")
+        if args.method in UNTRAINED:
+            raise ValueError(f"--set {given}: the method {args.method} learns nothing, so there is nothing to set")
+        if args.method != "nilbs" and name in ONLY_NILBS:
+            raise ValueError(f"--set {given}: the method {args.method} has no {name}; it is of the method nilbs")
         kind = type(getattr(default, name))
         words = {"true": True, "false": False}
         try:

@@ -1,6 +1,7 @@
 """Pictures of a trained model as PNG files: one function a figure, and one that writes them all."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from nilbs.model import Model
 
 __all__ = [
+    "figure_files",
     "ghost_figure",
     "notation_figure",
     "reconstruction_figure",
@@ -25,6 +27,24 @@ __all__ = [
     "weights_figure",
     "write_figures",
 ]
+
+
+def figure_files(model: "Model") -> list[str]:
+    """Names of the files that `write_figures` writes.
+
+    Weights and ghost are of the method "nilbs" alone, training of what was trained.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    names : list of str
+    """
+    network, trained = model.settings.method == "nilbs", len(model.history) > 0
+    shown = {"notation": True, "weights": network, "ghost": network, "training": trained, "reconstruction": True}
+    return [f"{name}.png" for name, there in shown.items() if there]
 
 
 def write_figures(
@@ -35,9 +55,7 @@ def write_figures(
     surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
     resolution: int = RESOLUTION,
 ) -> list[Path]:
-    """Write all figures of a model: notation, weights, ghost, training and reconstruction, as PNG.
-
-    Weights and ghost are of the method "nilbs" alone, training of what was trained.
+    """Write all figures of a model as PNG: those of `figure_files`.
 
     Parameters
     ----------
@@ -66,10 +84,11 @@ def write_figures(
     motion = model.motion
     if poses is None:
         poses = {f"training frame {motion.frames[k]}": motion[k] for k in evenly_spaced(len(motion), 3)}
-    paths = [notation_figure(model, folder / "notation.png")]
-    if model.settings.method == "nilbs":
-        paths += [weights_figure(model, folder / "weights.png"), ghost_figure(model, folder / "ghost.png")]
-    if len(model.history):
-        paths.append(training_figure(model, folder / "training.png"))
-    last = folder / "reconstruction.png"
-    return [*paths, reconstruction_figure(model, last, poses=poses, surfaces=surfaces, resolution=resolution)]
+    drawn: Mapping[str, Callable[..., Path]] = {
+        "notation.png": notation_figure,
+        "weights.png": weights_figure,
+        "ghost.png": ghost_figure,
+        "training.png": training_figure,
+        "reconstruction.png": partial(reconstruction_figure, poses=poses, surfaces=surfaces, resolution=resolution),
+    }
+    return [drawn[name](model, folder / name) for name in figure_files(model)]

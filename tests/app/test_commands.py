@@ -105,6 +105,14 @@ def test_weights_as_a_table(assets, nilbs):
             "--set colour=red: the settings",
         ),
         (["train", "bar2.obj", "bar.tgf", "--set", "seed=3", "-o", "out/m.nilbs"], "--set seed=3: the settings are"),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--method", "nasa", "--set", "mapping=inverse", "-o", "out/m.nilbs"],
+            "--set mapping=inverse: the method nasa has no mapping",
+        ),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--method", "nearest", "--set", "width=8", "-o", "out/m.nilbs"],
+            "--set width=8: the method nearest learns nothing",
+        ),
         (["train", "bar2.obj", "bar.tgf", "--set", "ghost", "-o", "out/m.nilbs"], "--set ghost: ghost must be of type"),
         (["train", "bar2.obj", "bar.tgf", "--set", "width=x", "-o", "out/m.nilbs"], "width must be of type int, such"),
         (["train", "bar2.obj", "bar.tgf", "--set", "noise=-1", "-o", "out/m.nilbs"], "noise must lie between 0 and"),
@@ -342,6 +350,15 @@ def test_evaluate(assets, succeeds, nilbs, out, d, monkeypatch):
     status, text, _ = nilbs("evaluate", assets / f"bar{d}.nilbs", *options)
     assert status == 0
     assert text == (out / "deep" / "er" / "scores.txt").read_text()
+
+
+def test_evaluate_tells_what_it_cannot_write_before_it_works(assets, nilbs, out, monkeypatch):
+    monkeypatch.setattr("nilbs.evaluation.evaluate", lambda *_, **__: pytest.fail("worked"))
+    (out / "ghost.png").mkdir(parents=True)
+    status, _, said = nilbs("evaluate", assets / "bar2.nilbs", "--out", out)
+    assert status == 2
+    assert "ghost.png" in said
+    assert "folder" in said
 
 
 def test_evaluate_scores_the_floor_beside_the_model(assets, succeeds, nilbs):
