@@ -100,7 +100,8 @@ def markdown(page: Page) -> str:
     for part, tables in _by_part(page).items():
         lines += [f"## {HEADINGS[part]}", ""]
         for table in tables:
-            lines += [f"### {_plain(table.title)}", "", _plain(table.note), "", *_markdown_table(table), ""]
+            note = [_plain(table.note), ""] if table.note else []
+            lines += [f"### {_plain(table.title)}", "", *note, *_markdown_table(table), ""]
     if page.missing:
         lines += ["## What is missing", "", *(f"- {_plain(line)}" for line in page.missing), ""]
     return "\n".join(lines)
