@@ -23,7 +23,7 @@ from nilbs.fields.snarf import SnarfBoneTerm, SnarfField
 from nilbs.fields.weight_term import ForwardWeightTerm, RandomPoses, WeightTerm
 from nilbs.motion import Motion
 from nilbs.rest_state import RestState, rest_state, search_field
-from nilbs.settings import Settings
+from nilbs.settings import MOST_LABELLED, Settings
 from nilbs.unit_frame import at_rest, in_unit_frame, root_bone
 
 # Rest points whose weights the weight loss knows.
@@ -135,7 +135,8 @@ def _labelled(scene: Scene, motion: Motion, *, progress: bool) -> OccupancySampl
     c, settings = scene.character, scene.settings
     frames: Iterable[np.ndarray] = tqdm(motion.B, desc="labelling", unit="frame", disable=not progress, delay=2)
     noise = None if settings.supervision == "paper" else settings.noise * c.L
-    samples = occupancy_samples(c.V, c.F, c.W, frames, n=settings.samples_per_frame, noise=noise, rng=scene.rng)
+    n = max(1, min(settings.samples_per_frame, MOST_LABELLED // len(motion)))
+    samples = occupancy_samples(c.V, c.F, c.W, frames, n=n, noise=noise, rng=scene.rng)
     return replace(samples, x=in_unit_frame(c, samples.x, motion.B)[0].astype(np.float32))
 
 

@@ -74,7 +74,8 @@ class Model:
         Raises
         ------
         ValueError
-            If the pose has another shape, its root's transform is singular, or the method has no such mapping.
+            If the pose has another shape, a bone's transform is singular or absurdly far, or the method has no such
+            mapping.
         """
         return PosedModel(self.character, self.field, pose, mapping=self._mapping(mapping), ghost=ghost)
 
@@ -98,7 +99,8 @@ class Model:
         Raises
         ------
         ValueError
-            If x or pose has another shape, the root's transform is singular, or the method has no such mapping.
+            If x or pose has another shape, a bone's transform is singular or absurdly far, or
+            the method has no such mapping.
         """
         return self.posed(pose, mapping=mapping, ghost=ghost).occupancy(x)
 
@@ -129,8 +131,9 @@ class Model:
     def posed_distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
         """Signed distance of posed points in the posed frame, to first order.
 
-        The distance at rest is divided by how much less it changes with the posed point than with the rest image: exact
-        to first order at the skin, which skinning may stretch or press, and for any similarity.
+        The distance at rest is multiplied by the local stretch: the length of its gradient by the rest image over that
+        by the posed point. Exact to first order at the skin, which skinning may stretch or press, and for any
+        similarity.
 
         Parameters
         ----------

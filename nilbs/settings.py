@@ -57,6 +57,8 @@ ROWS = {
 }
 
 # The widest and deepest network, and the most nodes of a grid, that anyone can have meant.
+# The most labelled points of a training, which bounds its memory for motions of any length.
+MOST_LABELLED = 10_000_000
 WIDEST, MOST_NODES = 4096, {"cache_resolution": 2**30, "weight_resolution": 2**27}
 
 
@@ -77,7 +79,7 @@ class Settings:
     poses_per_step, points_per_pose : int
         Batch of each loss; 0 takes what `METHODS` says.
     samples_per_frame : int
-        Labelled points of each training frame.
+        Labelled points of each training frame; fewer where all frames together would have more than `MOST_LABELLED`.
     noise : float
         Standard deviation of the points near the surface; see `occupancy_samples`.
     supervision : "volume" or "paper"
@@ -163,6 +165,8 @@ class Settings:
         for name, choices in _CHOICES.items():
             if getattr(self, name) not in choices:
                 raise ValueError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
+        if self.supervision == "paper" and self.method != "nilbs":
+            raise ValueError(f"supervision 'paper' is of the method nilbs: {self.method} has losses of its own")
 
     def resolved(self, *, bones: int, d: int) -> "Settings":
         """Settings in which every zero that stands for "as fits the character" is replaced by its number.

@@ -145,6 +145,13 @@ def test_where_labelled_points_are_drawn_by_error(changes: dict, adaptive: bool,
     assert occupancy.factor == 1
 
 
+def test_labelled_points_are_bounded_for_motions_of_any_length(characters, monkeypatch) -> None:
+    monkeypatch.setattr("nilbs.methods.MOST_LABELLED", 60)
+    occupancy = objective(characters[2]).occupancy
+    assert occupancy is not None
+    assert occupancy.x.shape[:2] == (2, 30)
+
+
 def test_the_paper_knows_weights_at_rest_on_the_surface_alone(characters) -> None:
     c = characters[2]
     _, paper = objective(c, supervision="paper").terms

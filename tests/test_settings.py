@@ -45,6 +45,10 @@ def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, ce
         ({"width": 100_000}, "width and depth must be at most 4096, got 100000 and 0"),
         ({"depth": 1}, "depth must be at least 2, got 1"),
         ({"supervision": "none"}, "supervision must be one of volume, paper, got 'none'"),
+        (
+            {"supervision": "paper", "method": "nasa"},
+            "supervision 'paper' is of the method nilbs: nasa has losses of its own",
+        ),
         ({"mapping": "forward"}, f"mapping must be one of {', '.join(MAPPINGS)}, got 'forward'"),
     ],
 )

@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> None:
     for line in study.missing:
         tell(line)
     lanes = args.jobs or (1 if args.quick else cores())
-    # Small networks on several threads only wait for each other.
+    # Jobs share the cores: a thread more than there are cores would wait.
     wanted = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()  # a list tells of nested regions
     threads = 1 if args.quick else (int(wanted) if wanted.isdecimal() else 0) or max(1, cores() // lanes)
     jobs = study.of_parts(args.only)

@@ -13,22 +13,23 @@ class RestCache(nn.Module):
     Between nodes the value is linear along each axis. Where a divided cell borders on one that is not, values on the
     two sides differ by what the coarser interpolation misses. Outside the grid it is the value at the nearest point of
     the grid plus the distance to that point, an upper bound of the true distance that grows away from the shape.
+    Lengths are in the unit of the points, which in a model is L.
 
     Parameters
     ----------
     values : (s,) tensor
-        Signed distance at the nodes of the grid and then of every divided cell, negative inside, in mesh units; see
+        Signed distance at the nodes of the grid and then of every divided cell, negative inside; see
         `nilbs.geometry.rest_grids.distance_bricks`.
     brick : (n_1 - 1, .., n_d - 1) int tensor
         Where in `values` the nodes of a divided cell begin; -1 for the others.
     origin : (d,) tensor
         Position of the first node.
     spacing : float
-        Edge of a cell, in mesh units.
+        Edge of a cell.
     parts : int
         How many parts the edge of a divided cell is divided in.
     width : float
-        Occupancy is sigmoid(-distance / width), in mesh units: the sharper, the nearer to a step and the fewer points
+        Occupancy is sigmoid(-distance / width): the sharper, the nearer to a step and the fewer points
         a gradient reaches.
     """
 
@@ -52,7 +53,7 @@ class RestCache(nn.Module):
         return cls(values.ravel(), brick, origin, spacing, parts=1, width=width)
 
     def distance(self, x_rest: Tensor) -> Tensor:
-        """Signed distance (...,) of rest points (..., d), in mesh units."""
+        """Signed distance (...,) of rest points (..., d)."""
         d = x_rest.shape[-1]
         cells = self.brick.shape
         position = (x_rest - self.origin) / self.spacing

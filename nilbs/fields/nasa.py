@@ -34,8 +34,10 @@ class NasaField(Field):
       layer can do that itself.
     - The first layer begins with larger weights for the point, so that a few thousand steps are enough.
     - A part's layers are 40 units wide for any number of parts, where the authors' code shares 960 units among them.
-    - What the field is trained for is not said here. The paper compares occupancies by squared difference, and adds
-      `NasaWeightTerm`; the authors' code has one loss more, on the parts' size, that is not here.
+    - What it is trained for is `OccupancyTerm` and `NasaWeightTerm`: occupancies are compared by cross-entropy, where
+      the paper compares them by squared difference; the authors' code has one loss more, on the parts' size, that is
+      not here.
+    - Matrices are trained by Muon (`Training`), as every network here.
 
     Parameters
     ----------

@@ -62,12 +62,13 @@ class SnarfField(Field):
     - Networks are smaller by default, for a training of minutes on a processor: 5 linear layers of 64 units in place
       of 9 of 256, and 4 of 64 in place of 5 of 128. They have no weight normalisation and no skip connection.
     - Few labelled points are drawn at a time: its search makes a point dear.
-    - Activations are h sigmoid(100 h), as near to a ramp as the softplus of the authors' code, and faster.
+    - Activations are h sigmoid(100 h), as near to a ramp as the softplus of the authors' code.
     - The softmax of the weights is over all bones, not one after the other down the tree of a human body.
     - A search takes 10 steps at the most, not 50, and begins with the map's whole derivative wherever it is asked; the
       authors' code leaves out the derivative of the weights when it does not train.
     - Roots that several searches find are taken once, and a search begins from every bone; the authors' code leaves out
       some bones of its human body.
+    - Matrices are trained by Muon (`Training`), as every network here, where the authors take Adam.
     - Poses are relative to the root bone and lengths in units of the body, thresholds of the search included.
 
     References

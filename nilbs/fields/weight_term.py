@@ -39,8 +39,9 @@ class RandomPoses:
 class WeightTerm:
     """Cross-entropy between a network's weights and known ones at rest points that skinning has posed.
 
-    The posed point's weights are those of the rest point it came from. Posing costs nothing, so half of the poses are
-    drawn at random. The paper's own loss is the special case of the rest pose and the rest vertices.
+    The posed point's weights are those of the rest point it came from, in any pose; where `random_poses` are given,
+    half of the poses are drawn at random. The paper's own loss is the special case of the rest pose and the rest
+    vertices.
 
     Parameters
     ----------

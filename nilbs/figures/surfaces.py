@@ -47,7 +47,7 @@ def draw_body(
     -----
     3D: the painter's algorithm on triangles sorted by the depth of their centres; of a closed surface only those that
     face the viewer, of an open one both sides. It mistakes only triangles that are large compared with the gap
-    between two sheets, and draws 100,000 in about two seconds.
+    between two sheets.
     2D: the inside is where the outline winds around a point at all, which is how the protocol defines the truth.
     """
     if not len(F):

@@ -31,7 +31,7 @@ from nilbs.geometry.occupancy import occupancy, winding_number
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.settings import RESOLUTION
-from nilbs.study.twist import twist_model, twist_motion
+from nilbs.study.twist import EDGES_AROUND, twist_model, twist_motion
 
 if TYPE_CHECKING:
     from nilbs.character import Character
@@ -107,7 +107,7 @@ def failure_figures(
     models = models or {}
     budget = {name: value for name, value in (("steps", steps), ("minutes", minutes)) if value is not None}
     options = {**changes, **budget, "seed": seed, "progress": progress}
-    twisted = models.get("capsule") or twist_model(capsule(resolution=64), **options)
+    twisted = models.get("capsule") or twist_model(capsule(resolution=EDGES_AROUND), **options)
     figures = [_candy_wrapper(twisted, folder / "candy-wrapper.png", resolution)]
     touching = models.get("gingerbread")
     if touching is None:

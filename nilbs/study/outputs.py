@@ -165,7 +165,7 @@ def _facts(values: Mapping[str, Any], scale: Scale, jobs: int) -> dict[str, str]
     if scale.sweep_minutes is not None:
         training += f"{', ' if training else ''}sweeps {scale.sweep_minutes:g} min"
     return {
-        "machine": f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, no GPU",
+        "machine": f"{machine['processor']}, {machine['cores']} cores, {machine['system']}, no GPU used",
         "trainings and scorings": share,
         "versions": ", ".join(f"{name} {number}" for name, number in machine["versions"].items()),
         "date": values["date"],
@@ -188,7 +188,13 @@ def _pictures(
     for _, result in results.others(plan, store, TWIST):
         path = twist_curve(result["table"], folder / "twist.png")
         if path is not None:
-            found["twist"] = [Picture("Volume ratio", "Near 1 is right; the table has the numbers.", path)]
+            found["twist"] = [
+                Picture(
+                    "Volume ratio",
+                    "Near 1 is right, but for lbs, which shows what skinning itself loses; the table has the numbers.",
+                    path,
+                )
+            ]
     for picture in results.pictures(plan, store):
         part = "failures" if picture["kind"] == FAILURES else "methods"
         title = titles.get(picture["title"], picture["title"])

@@ -28,20 +28,28 @@ PROTOCOL = (
     "Chamfer distance is exact from samples of one surface to the other surface, both ways, on a surface that was "
     "extracted on the grid named below; where a body overlaps itself, the skin inside it is part of the true mesh and "
     "of no reconstruction, which the row floor shows.",
-    "Surfaces are looked for in blocks of four cells: by a method that knows distances where one says that the surface "
-    "may be, by the others (NASA, SNARF, the MLP) in blocks whose corners lie on both sides, and beside those.",
-    "Weight lookups count evaluations of skinning weights for a query, on a grid or by a network, the network's answer "
-    "that a search begins at included.",
+    "Surfaces are looked for in blocks of four cells: by a method that knows distances where one says that the "
+    "surface may be, by the others (NASA, SNARF, the MLP) in blocks whose corners lie on both sides, and beside those.",
+    "Weight lookups count evaluations of skinning weights for a query by a root search or an iteration, on a grid or "
+    "by a network, the network's answer that it begins at included; the inverse and the reverse map ask the network "
+    "once.",
+    "Seconds are of 100,000 points of a pose, with half of the time to be told the pose, which serves "
+    "both sets of points; mean over all poses that the row is scored on.",
     "Pose sets, ten poses each: seen, training frames; interpolated, the middles between neighbouring training "
     "frames; unseen and far, random poses whose joints turn by angles of 0.28 and 0.8 rad standard deviation.",
     "The seed is that of the training, of random training motion, and of all that the scores draw; all methods with "
     "one seed are trained on the same frames and scored on the same poses and points.",
-    "Every training of a character takes the same minutes, counted out in steps by a trial; networks of the rivals are "
-    "smaller and their trainings far shorter than those of their papers.",
+    "All trainings of a character in one table take the same minutes, counted out in steps by a trial, but for the "
+    "table of training times; SNARF's networks are smaller than its paper's, and all trainings are far shorter than "
+    "those of the rivals' papers.",
     "What is known beside the labelled points of the training frames: by nilbs the rest mesh's distance, and the "
     "weights in its volume, posed in the training frames and in random poses of up to 0.8 rad too (the ablations have "
-    "one without); by NASA the weights of vertices; by SNARF the skeleton; by nearest and rigid-parts the rest mesh "
-    "and its weights; by the MLP nothing.",
+    "one without); by paper the rest mesh's distance and the weights of its vertices at rest; by NASA the weights of "
+    "vertices; by SNARF the skeleton; by nearest and rigid-parts the rest mesh and its weights; by the MLP nothing.",
+    "How methods are trained: matrices of every network by Muon, all else by Adam, at rates that rise and fall once; "
+    "occupancy by cross-entropy (paper: absolute difference); half of the labelled points at the surface, a quarter "
+    "around it, a quarter uniform (paper: all uniform). Only nilbs draws half of its labelled points where it errs "
+    "(the ablations have one without).",
     "Spread is half the range over the seeds, (max - min) / 2. A gain smaller than the spread is no gain.",
 )
 

@@ -35,8 +35,8 @@ class Worker:
     data : path, optional
         Folder of the real meshes.
     fresh : bool
-        Whether every job has a new process: memory and time of one are then of no other. Otherwise one does all, which
-        is faster where jobs are small.
+        Whether every job has a new process: memory and time of one are then of no other. Otherwise one does all: for
+        jobs that are shorter than a process takes to start.
     threads : int, optional
         How many it may use; as the environment says by default.
     """

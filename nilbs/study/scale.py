@@ -24,6 +24,7 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "no occupancy loss": {"occupancy_loss": 0.0},
     "no weight loss": {"weight_loss": 0.0},
     "no position loss": {"position_loss": 0.0},
+    "no weight and no position loss": {"weight_loss": 0.0, "position_loss": 0.0},
     "no random poses": {"random_pose_std": 0.0},
     "no adaptive sampling": {"adaptive": False},
     "the paper's supervision": {"supervision": "paper"},
@@ -43,7 +44,7 @@ class Scale:
     characters : mapping of str to int
         Characters of the part `methods`, with their numbers of seeds.
     sweep : str, optional
-        The character of all other parts; None where it is missing.
+        The character of the sweeps; None where it is missing.
     minutes : mapping of str to float
         Training time by character in the part `methods`; empty where `settings` tell the steps.
     sweep_minutes : float, optional
@@ -63,7 +64,8 @@ class Scale:
     ablations : tuple of str
         Of `ABLATIONS`.
     twist : mapping
-        Arguments of `nilbs.study.twist.twist_table` and of `nilbs.study.failures.failure_figures`.
+        Arguments of `nilbs.study.twist.twist_table`; of them `nilbs.study.failures.failure_figures` takes all but the
+        degrees.
     """
 
     characters: Mapping[str, int]

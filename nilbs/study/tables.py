@@ -49,10 +49,17 @@ _DECIMALS = {
     "training_seconds": 0,
     "training_steps": 0,
 }
+# Fewer parts are no better than as many as there are, and lookups are not counted for every row.
+INCOMPARABLE = ("components", "lookups")
 UNKNOWN = "-"
 _MARKS = (
     "Rows marked ° learn nothing; rows marked °° are the truth itself, skinned by LBS, and take no part in the "
-    "comparison. Bold: best of the column, and what lies within the spread of it."
+    "comparison. Bold: best of the column, and what is no farther from it than the spread of either."
+)
+_SWITCHES = (
+    "One seed. The paper's supervision is several: weights at rest on the surface alone, neither posed motion nor "
+    "random poses, no position loss, uniform labelled points, absolute difference of occupancies. Without the weight "
+    "loss alone the position loss still tells the weights."
 )
 _MEANINGS = {
     "nilbs": f"the default: {MAPPINGS['search']}",
@@ -180,24 +187,30 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
     seeds = len({entry.seed for entry in entries})
     spread = f"Mean of those of {seeds} seeds that are done ± (max - min) / 2" if seeds > 1 else "One seed"
 
-    def table(title: str, note: str, names: Sequence[str], columns: Sequence[tuple[str, str, str]]) -> Table:
+    def table(
+        title: str, note: str, names: Sequence[str], columns: Sequence[tuple[str, str, str]], *, of: str = "mean"
+    ) -> Table:
         values = [
-            [[r.mean for r in mine if (r.method, r.part, r.poses, r.score) == (n, *c)] for c in columns] for n in names
+            [[getattr(r, of) for r in mine if (r.method, r.part, r.poses, r.score) == (n, *c)] for c in columns]
+            for n in names
         ]
         headings = [f"{poses}: {_SHORT[score]}" if poses else _SHORT[score] for _, poses, score in columns]
         rows = _rows(names, values, [score for *_, score in columns], label)
         return Table("methods", title, note, ("method", *headings), rows)
 
     sets, surface_sets = _sets(plan, entries, POSE_SETS), _sets(plan, extracted, POSE_SETS)
-    fields = [("methods", poses, score) for poses in sets for score in ("iou_bbox", "iou_surface")]
-    fields += [("surfaces", poses, "chamfer_l1") for poses in surface_sets]
+    ious = [("methods", poses, score) for poses in sets for score in ("iou_bbox", "iou_surface")]
+    fields = [*ious, *(("surfaces", poses, "chamfer_l1") for poses in surface_sets)]
     fields += [("methods", poses, "lookups") for poses in sets if poses == "unseen"]
     fields += [("methods", "", score) for score in ("seconds", "training_seconds", "training_steps")]
     surfaces = [("surfaces", poses, score) for poses in surface_sets for score in _SURFACE_SCORES]
     field_note = f"{spread}; what has no ± was scored for the first seed. Surface IoU within noise of 0.006 L. {_MARKS}"
     surface_note = f"Extracted surfaces; what has no ± was scored for the first seed. Lengths in % of L. {_MARKS}"
+    worst_note = f"IoU of the worst frame. {field_note}"
+    names = order(entry.method for entry in entries)
     return [
-        table(title, field_note, order(entry.method for entry in entries), fields),
+        table(title, field_note, names, fields),
+        table(f"{title}: worst frames", worst_note, names, ious, of="worst"),
         table(f"{title}: surfaces", surface_note, order(entry.method for entry in extracted), surfaces),
     ]
 
@@ -244,7 +257,7 @@ def _ablation_tables(plan: Plan, part: str, entries: Sequence[Entry], known: Seq
     maps = [name for name in ("default", *OTHER_MAPPINGS) if name in there]
     ways = _rows(maps, [values([name]) for name in maps], ["iou_surface"] * len(sets), _search_for_default)
     return [
-        Table(part, "Settings switched one at a time: surface IoU", "One seed.", ("setting", *columns), settings),
+        Table(part, "Settings switched one at a time: surface IoU", _SWITCHES, ("setting", *columns), settings),
         Table(
             part,
             "Ways of the default model to its rest images: surface IoU",
@@ -316,8 +329,7 @@ def _rows(
     for j, score in enumerate(kinds):
         shown = [_shown(values[i][j], score) for i, name in enumerate(names) if name not in TRUTH]
         numbers = [value for value in shown if value is not None]
-        # Fewer parts are no better than as many as there are.
-        comparable = len(numbers) > 1 and not score.startswith("training") and score != "components"
+        comparable = len(numbers) > 1 and not score.startswith("training") and score not in INCOMPARABLE
         best.append((max if score in HIGHER_IS_BETTER else min)(numbers) if comparable else None)
     rows = []
     for name, cells in zip(names, values, strict=True):
@@ -338,7 +350,7 @@ def _as_good(
     cell: Sequence[float | None],
     score: str,
 ) -> bool:
-    """Whether a mean is the best of its column, or no farther from it than the seeds of either are apart."""
+    """Whether a mean is the best of its column, or no farther from it than the spread of either."""
     if value is None or best is None:
         return False
     spreads = [summary(row[column])[1] or 0.0 for row in values if _shown(row[column], score) == best]
