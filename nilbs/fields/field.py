@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 
+import torch
 from torch import Tensor, nn
 
 from nilbs.fields.answer import Answer
 
 # A field in one pose: answers at posed points (n, d), asked any number of times.
 PosedField = Callable[[Tensor], Answer]
+# Numbers of one hidden layer that a processor's caches hold: layers of more wait for memory.
+CACHED = 2**18
 
 
 class Field(nn.Module):
@@ -15,7 +18,14 @@ class Field(nn.Module):
 
     Points and poses are in the unit frame: relative to the root bone, whose transform is the identity, with the rest
     mesh's box centred and its longest edge of length one.
+
+    Attributes
+    ----------
+    piece : int
+        Points that go through the networks together where a pose is asked.
     """
+
+    piece: int = CACHED
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:
         """Logit of occupancy, differentiable by the parameters: what a training compares with the truth.
@@ -36,4 +46,9 @@ class Field(nn.Module):
 
     def posed(self, B: Tensor) -> PosedField:
         """The field in a pose, (b, d+1, d+1) rest to posed."""
-        return lambda x: Answer.of_logit(self.logit(x[None], B[None])[0], x.shape[-1])
+
+        def answer(x: Tensor) -> Answer:
+            logits = [self.logit(part[None], B[None])[0] for part in x.split(self.piece)]
+            return Answer.of_logit(torch.cat(logits), x.shape[-1])
+
+        return answer

@@ -5,7 +5,7 @@ import torch
 from torch import Tensor, nn
 
 from nilbs.fields.encoding import LocalEncoding
-from nilbs.fields.field import Field
+from nilbs.fields.field import CACHED, Field
 
 # Slope of a unit where it is negative, and how many numbers a part is told of the pose: as in the authors' code.
 LEAK = 0.1
@@ -64,6 +64,7 @@ class NasaField(Field):
         b, d = centers.shape
         self.encoding = LocalEncoding(centers)
         self.deformable, self.root = deformable, root
+        self.piece = max(128, CACHED // (b * width))
         self.projection = _uniform(b, POSE_SIZE, b * d, inputs=b * d) if deformable else None
         inputs = d + POSE_SIZE if deformable else d
         # Layers of all parts side by side, in stacks of one matrix a part.

@@ -3,7 +3,7 @@
 from torch import Tensor
 
 from nilbs.fields.encoding import ParameterEncoding
-from nilbs.fields.field import Field
+from nilbs.fields.field import CACHED, Field
 from nilbs.fields.network import EncodedNetwork
 
 
@@ -34,6 +34,7 @@ class PoseMlp(Field):
 
     def __init__(self, P: Tensor, d: int, *, width: int, depth: int) -> None:
         super().__init__()
+        self.piece = max(128, CACHED // width)
         self.network = EncodedNetwork(ParameterEncoding(P, d), 1, width=width, depth=depth)
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:

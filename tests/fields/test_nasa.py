@@ -54,6 +54,17 @@ def test_parts_side_by_side_equal_one_network_after_the_other(d: int, deformable
     np.testing.assert_array_equal(logit, parts.max(axis=1))
 
 
+@pytest.mark.parametrize("n", [0, 1, 129, 300])
+def test_pieces_of_points_are_answered_as_all_at_once(n: int, rng: np.random.Generator) -> None:
+    net, B, x = field(3, True, width=2048), torch.as_tensor(poses(3, 1, rng)), torch.as_tensor(rng.normal(size=(n, 3)))
+    assert net.piece == 128
+    with torch.no_grad():
+        answer = net.posed(B[0])(x)
+        np.testing.assert_allclose(answer.logit, net.logit(x[None], B)[0], rtol=1e-12)
+    assert answer.distance.shape == (n,)
+    assert answer.x_rest.shape == (n, 3)
+
+
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("deformable", [False, True])
 def test_the_world_moves_and_the_answers_stay(d: int, deformable: bool, rng: np.random.Generator) -> None:
