@@ -21,7 +21,7 @@ from nilbs.motion import Motion
 from nilbs.report import Report, silent
 from nilbs.settings import UNTRAINED, Settings
 
-CHECKPOINT_KIND = "nilbs checkpoint 3"
+CHECKPOINT_KIND = "nilbs checkpoint 4"
 # Steps that tell how long a step takes.
 TRIAL = 20
 # That a time can have meant.

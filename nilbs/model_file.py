@@ -19,7 +19,7 @@ from nilbs.motion import Motion
 from nilbs.rest_state import CACHE, FORWARD, RestState, check_rest_state
 from nilbs.settings import UNTRAINED, Settings
 
-KIND = "nilbs model 4"
+KIND = "nilbs model 5"
 
 
 def save_model(model: Model, path: str | Path) -> None:

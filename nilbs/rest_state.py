@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import prod
 
 import numpy as np
 import torch
@@ -17,14 +16,16 @@ from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.search import SearchField
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rest_grids import distance_bricks, weight_grid
+from nilbs.geometry.skin_fit import fit_to_skin
 from nilbs.geometry.validation import arrays
 from nilbs.settings import Settings
 from nilbs.unit_frame import at_rest, root_bone
 
 # In units of L: how far around the body rest weights are known, and how far they go on beyond the skin unbroken.
 BAND, DEPTH = 0.05, 0.015
-# Parts that the edge of a cell of the rest cache is divided in at the skin.
-PARTS = 4
+# Parts that the edge of a cell of the rest cache is divided in: at the skin, and again, twice, where interpolation
+# misses the distance by more than this much, in units of L, and this share of it.
+PARTS, TOLERANCE, RELATIVE = (4, 2, 2), 1e-5, 0.01
 # Names of the field's parts that hold the grids.
 CACHE, FORWARD = "inverse.cache", "forward_field"
 
@@ -49,13 +50,13 @@ def rest_state(character: Character, settings: Settings) -> RestState:
     """Grids of a character at rest, of the resolutions that settings say."""
     c = character
     V, V_volume = at_rest(c, c.V), at_rest(c, c.V_volume)
-    cache = Grid.box(V, max(2, -(-settings.cache_resolution // PARTS)))
+    cache = Grid.box(V, max(2, -(-settings.cache_resolution // PARTS[0])))
     weights = Grid.box(V, settings.weight_resolution, pad=BAND)
     node, W_node = weight_grid(V, c.F, c.W, V_volume, c.T, c.W_volume, weights, band=BAND, depth=DEPTH)
-    values, brick = distance_bricks(V, c.F, cache, parts=PARTS)
+    W_node = fit_to_skin(V, c.F, c.W, weights, node, W_node, rng=np.random.default_rng(settings.seed))
+    bricks = distance_bricks(V, c.F, cache, parts=PARTS, tolerance=TOLERANCE, relative=RELATIVE)
     state = {
-        f"{CACHE}.values": values,
-        f"{CACHE}.brick": brick,
+        **{f"{CACHE}.{name}": array for name, array in bricks._asdict().items()},
         f"{CACHE}.origin": cache.origin,
         **{f"{FORWARD}.{name}": array for name, array in packed_weights(node, W_node, weights.shape).items()},
         f"{FORWARD}.origin": weights.origin,
@@ -70,6 +71,7 @@ def search_field(character: Character, settings: Settings, rest: RestState) -> S
     cache = RestCache(
         part[f"{CACHE}.values"],
         part[f"{CACHE}.brick"],
+        part[f"{CACHE}.finer"],
         part[f"{CACHE}.origin"],
         float(rest.spacing[CACHE]),
         parts=PARTS,
@@ -104,24 +106,21 @@ def check_rest_state(state: Mapping[str, np.ndarray], character: Character) -> N
         Naming what does not.
     """
     d, b = character.d, len(character.BE)
-    values, brick = state[f"{CACHE}.values"], state[f"{CACHE}.brick"]
+    values, brick, finer = (state[f"{CACHE}.{name}"] for name in ("values", "brick", "finer"))
     row, first = state[f"{FORWARD}.row"], state[f"{FORWARD}.first"]
     for name, grid, least in (("rest cache", brick, 1), ("grid of rest weights", row, 2)):
         if grid.ndim != d or min(grid.shape) < least:
             raise ValueError(f"the {name} has shape {grid.shape}")
     bone, weight, node = (state[f"{FORWARD}.{name}"] for name in ("bone", "weight", "node"))
     arrays(
-        values=(values, "n"), origin=(state[f"{CACHE}.origin"], f"{d}"),
+        values=(values, "n"), finer=(finer, "c", int), origin=(state[f"{CACHE}.origin"], f"{d}"),
         weight=(weight, "s"), weight_origin=(state[f"{FORWARD}.origin"], f"{d}"),
     )  # fmt: skip
-    if any(indices.dtype != np.int32 for indices in (brick, row, node, bone, first)):
-        raise ValueError("brick, row, node, bone and first must be stored as 32-bit integers")
-    nodes = prod(n + 1 for n in brick.shape)
-    divided = brick[brick != -1]
-    if len(values) < nodes or (
-        len(divided) and not nodes <= divided.min() <= divided.max() <= len(values) - (PARTS + 1) ** d
-    ):
-        raise ValueError("a node of the rest cache does not exist")
+    if any(indices.dtype != np.int32 for indices in (brick, finer, row, node, bone, first)):
+        raise ValueError("brick, finer, row, node, bone and first must be stored as 32-bit integers")
+    # What bricks there are is told by their numbers, and is checked where they are read.
+    if min(brick.min(), finer.min(initial=-1)) < -1:
+        raise ValueError("a brick of the rest cache has a number below -1")
     steps = np.diff(first.astype(np.int64))
     if first.ndim != 1 or len(first) < 2 or first[0] != 0 or first[-1] != len(bone) or (steps < 1).any():
         raise ValueError("the rows of rest weights do not follow each other")

@@ -111,8 +111,8 @@ class Settings:
     mapping : str
         One of `MAPPINGS`: where the trained field takes rest images from. The training is the same.
     cache_resolution : int
-        Cells of the rest cache along its longest edge, where it is finest: at the skin; 0 takes 512 in space and 2048
-        in the plane.
+        Cells of the rest cache along its longest edge, at the skin; where distance bends there are up to four times as
+        many. 0 takes 512 in space and 2048 in the plane.
     weight_resolution : int
         Cells of the grid of rest weights along its longest edge; 0 takes 128 in space and 256 in the plane.
     cache_width : float

@@ -1,7 +1,8 @@
 """The rest-pose cache: signed distance on a grid, computed once, read anywhere and differentiable."""
 
+from collections.abc import Sequence
 from math import prod
-from typing import Self
+from typing import NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -21,36 +22,52 @@ class RestCache(nn.Module):
         Signed distance at the nodes of the grid and then of every divided cell, negative inside; see
         `nilbs.geometry.rest_grids.distance_bricks`.
     brick : (n_1 - 1, .., n_d - 1) int tensor
-        Where in `values` the nodes of a divided cell begin; -1 for the others.
+        Number of a cell's brick, the nodes that it is divided by, among those of the first division; -1 for none.
+    finer : (c,) int tensor
+        The same for cells of bricks, brick by brick: number of a cell's brick among those of the next division.
     origin : (d,) tensor
         Position of the first node.
     spacing : float
         Edge of a cell.
-    parts : int
-        How many parts the edge of a divided cell is divided in.
+    parts : sequence of int
+        How many parts the edge of a cell is divided in, the first time and so on.
     width : float
         Occupancy is sigmoid(-distance / width): the sharper, the nearer to a step and the fewer points
         a gradient reaches.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer values or cells than the bricks have.
     """
 
     values: Tensor
     brick: Tensor
+    finer: Tensor
     origin: Tensor
 
     def __init__(
-        self, values: Tensor, brick: Tensor, origin: Tensor, spacing: float, *, parts: int, width: float
+        self,
+        values: Tensor,
+        brick: Tensor,
+        finer: Tensor,
+        origin: Tensor,
+        spacing: float,
+        *,
+        parts: Sequence[int],
+        width: float,
     ) -> None:
         super().__init__()
-        self.register_buffer("values", values)
-        self.register_buffer("brick", brick)
-        self.register_buffer("origin", origin)
-        self.spacing, self.parts, self.width = float(spacing), int(parts), float(width)
+        for name, tensor in {"values": values, "brick": brick, "finer": finer, "origin": origin}.items():
+            self.register_buffer(name, tensor)
+        self.spacing, self.width = float(spacing), float(width)
+        self._divisions = _divisions(len(values), brick, finer, tuple(parts))
 
     @classmethod
     def of_grid(cls, values: Tensor, origin: Tensor, spacing: float, *, width: float) -> Self:
         """A cache of values (n_1, .., n_d) on a grid without divided cells."""
         brick = torch.full([n - 1 for n in values.shape], -1, dtype=torch.int32, device=values.device)
-        return cls(values.ravel(), brick, origin, spacing, parts=1, width=width)
+        return cls(values.ravel(), brick, brick[:0].ravel(), origin, spacing, parts=(), width=width)
 
     def distance(self, x_rest: Tensor) -> Tensor:
         """Signed distance (...,) of rest points (..., d)."""
@@ -62,21 +79,26 @@ class RestCache(nn.Module):
         inside = torch.minimum(position.clamp_min(0), last)
         cell = torch.minimum(torch.nan_to_num(inside.detach()).floor(), last - 1)
         fraction = inside - cell
-        strides, cell_strides = _strides([n + 1 for n in cells]), _strides(cells)
-        first = _flat(cell.long(), strides)
-        brick = self.brick.ravel()[_flat(cell.long(), cell_strides)].long()
-        divided = brick >= 0
-        # In a divided cell the same once more.
-        parts = torch.where(divided, float(self.parts), 1.0).to(x_rest)[..., None]
-        fine = torch.minimum(torch.nan_to_num(fraction.detach() * parts).floor(), parts - 1)
-        fraction = fraction * parts - fine
-        fine_strides = _strides([self.parts + 1] * d)
-        first = torch.where(divided, brick + _flat(fine.long(), fine_strides), first)
-        offsets, fine_offsets = _corners(strides), _corners(fine_strides)
-        corners = [
-            torch.take(self.values, first + torch.where(divided, fine, coarse))
-            for coarse, fine in zip(offsets, fine_offsets, strict=True)
-        ]
+        strides = [_strides([n + 1 for n in cells])]
+        first = _flat(cell.long(), strides[0])
+        level = torch.zeros_like(first)
+        number = self.brick.ravel()[_flat(cell.long(), _strides(cells))].long()
+        # In a divided cell the same once more, and so on.
+        for deeper, division in enumerate(self._divisions, 1):
+            divided = number >= 0
+            parts = torch.where(divided, float(division.parts), 1.0).to(x_rest)[..., None]
+            cell = torch.minimum(torch.nan_to_num(fraction.detach() * parts).floor(), parts - 1)
+            fraction = fraction * parts - cell
+            strides.append(_strides([division.parts + 1] * d))
+            begins = division.first_value + number * (division.parts + 1) ** d
+            first = torch.where(divided, begins + _flat(cell.long(), strides[-1]), first)
+            level = torch.where(divided, deeper, level)
+            if division.first_cell is not None:
+                begins = division.first_cell + number.clamp_min(0) * division.parts**d
+                below = self.finer[begins + _flat(cell.long(), _strides([division.parts] * d))]
+                number = torch.where(divided, below.long(), -1)
+        offsets = torch.tensor([_corners(steps) for steps in strides], device=first.device).T
+        corners = [torch.take(self.values, first + offset[level]) for offset in offsets]
         for axis in reversed(range(d)):
             half = len(corners) // 2
             corners = [torch.lerp(corners[i], corners[i + half], fraction[..., axis]) for i in range(half)]
@@ -86,6 +108,32 @@ class RestCache(nn.Module):
     def occupancy(self, x_rest: Tensor) -> Tensor:
         """Occupancy (...,) of rest points (..., d): one half on the surface, one inside."""
         return torch.sigmoid(-self.distance(x_rest) / self.width)
+
+
+class _Division(NamedTuple):
+    """One division of cells: in how many parts, and where its bricks' nodes and, but for the last, cells begin."""
+
+    parts: int
+    first_value: int
+    first_cell: int | None
+
+
+def _divisions(values: int, brick: Tensor, finer: Tensor, parts: tuple[int, ...]) -> list[_Division]:
+    """What each division has of the values and of the cells of bricks, all of which must be had."""
+    d, divisions = brick.ndim, []
+    value, cell, above = prod(n + 1 for n in brick.shape), 0, brick.ravel()
+    for at, part in enumerate(parts):
+        bricks = int(above.max()) + 1 if len(above) else 0
+        if not bricks:
+            break
+        final = at == len(parts) - 1
+        divisions.append(_Division(part, value, None if final else cell))
+        value += bricks * (part + 1) ** d
+        above = finer[cell : cell + (0 if final else bricks * part**d)]
+        cell += 0 if final else bricks * part**d
+    if (value, cell) != (values, len(finer)):
+        raise ValueError(f"bricks have {value} nodes and {cell} cells, not {values} and {len(finer)}")
+    return divisions
 
 
 def _strides(shape: list[int] | torch.Size) -> list[int]:

@@ -28,15 +28,22 @@ def cramer(columns: Sequence[Tensor], y: Tensor, *, dim: int) -> Tensor:
     """
     if len(columns) == 2:
         (a, c), (b, e), (u, v) = (vector.unbind(dim) for vector in (*columns, y))
-        determinant = a * e - b * c
         solution = torch.stack([e * u - b * v, a * v - c * u], dim=-1)
     else:
         first, second, third = columns
         normal = torch.linalg.cross(second, third, dim=dim)
-        determinant = (first * normal).sum(dim)
         # Triple products are turned so that two cross products serve all three unknowns.
         turned = torch.linalg.cross(first, y, dim=dim)
         solution = torch.stack([(y * normal).sum(dim), (turned * third).sum(dim), -(turned * second).sum(dim)], dim=-1)
-    held = determinant.abs() < SMALLEST
-    determinant = torch.where(held, torch.where(determinant < 0, -SMALLEST, SMALLEST).to(determinant), determinant)
-    return solution / determinant[..., None]
+    det = determinant(columns, dim=dim)
+    det = torch.where(det.abs() < SMALLEST, torch.where(det < 0, -SMALLEST, SMALLEST).to(det), det)
+    return solution / det[..., None]
+
+
+def determinant(columns: Sequence[Tensor], *, dim: int) -> Tensor:
+    """Determinants of matrices of two or three columns, with `dim` as in `cramer`."""
+    if len(columns) == 2:
+        (a, c), (b, e) = (vector.unbind(dim) for vector in columns)
+        return a * e - b * c
+    first, second, third = columns
+    return (first * torch.linalg.cross(second, third, dim=dim)).sum(dim)

@@ -25,7 +25,8 @@ def fixed_point(x: Tensor, start: Tensor, field: ForwardMap, blends: Tensor, *, 
     Returns
     -------
     roots : Roots
-        The best places met. Where the map x_rest -> [W(x_rest) B]^-1 x does not contract it leads nowhere.
+        The best places met. Where the map x_rest -> [W(x_rest) B]^-1 x does not contract it leads nowhere. Whether
+        space is inside out there takes a derivative, which is not asked for: `inverted` is false.
     """
     d = x.shape[-1]
     with torch.no_grad():
@@ -37,4 +38,4 @@ def fixed_point(x: Tensor, start: Tensor, field: ForwardMap, blends: Tensor, *, 
             better = residual < missed
             best, missed = torch.where(better[:, None], guess, best), torch.where(better, residual, missed)
             guess = cramer(blend[..., :d].unbind(-1), x - blend[..., d], dim=-1)
-        return Roots(best, missed, (iterations + 1) * len(x))
+        return Roots(best, missed, torch.zeros_like(missed, dtype=torch.bool), (iterations + 1) * len(x))

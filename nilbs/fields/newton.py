@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 import torch
 from torch import Tensor
 
-from nilbs.fields.cramer import cramer
+from nilbs.fields.cramer import cramer, determinant
 from nilbs.fields.forward import Forward
 
 # Lengths are in units of the body's longest edge.
@@ -28,10 +28,23 @@ class ForwardMap(Protocol):
 
 
 class Roots(NamedTuple):
-    """Where a search ended: points (n, d), how far their images miss (n,), and look-ups of the forward field."""
+    """Where a search ended, and what it took.
+
+    Attributes
+    ----------
+    x_rest : (n, d) tensor
+        The best places met.
+    residual : (n,) tensor
+        How far their images miss.
+    inverted : (n,) bool tensor
+        Whether the forward map turns space inside out there.
+    evaluations : int
+        Look-ups of the forward field.
+    """
 
     x_rest: Tensor
     residual: Tensor
+    inverted: Tensor
     evaluations: int
 
 
@@ -68,6 +81,7 @@ def newton(
         accuracy = 100 * torch.finfo(x.dtype).eps
     with torch.no_grad():
         x_rest, best = start.clone(), torch.full_like(start[:, 0], torch.inf)
+        inverted = torch.zeros_like(best, dtype=torch.bool)
         step = torch.zeros_like(start)
         active = torch.arange(len(x), device=x.device)
         evaluations = 0
@@ -78,7 +92,9 @@ def newton(
             missing = x[active] - posed
             residual = missing.norm(dim=-1)
             better = residual < best[active]
-            x_rest[active[better]], best[active[better]] = guess[better], residual[better]
+            improved = active[better]
+            x_rest[improved], best[improved] = guess[better], residual[better]
+            inverted[improved] = determinant(jacobian[better].unbind(-1), dim=-1) < 0
             newton_step = cramer(jacobian.unbind(-1), missing, dim=-1)
             newton_step = newton_step * (STEP / newton_step.norm(dim=-1, keepdim=True).clamp_min(STEP))
             step = torch.where(better[:, None], newton_step, SHORTER * step)
@@ -86,7 +102,7 @@ def newton(
             if not bool(going.any()):
                 break
             active, step = active[going], step[going]
-        return Roots(x_rest, best, evaluations)
+        return Roots(x_rest, best, inverted, evaluations)
 
 
 def implicit(x: Tensor, root: Tensor, field: ForwardMap, blends: Tensor) -> Tensor:

@@ -6,9 +6,10 @@ from torch import Tensor
 from nilbs.fields.forward import affine
 
 # Edge of a posed cell in cells at rest: wide enough that a body stretched to twice its length leaves none empty.
-CELL = 2.5
-# In units of the body's longest edge: rest places this far apart are of different parts.
-APART = 0.03
+CELL = 2.25
+# In the same: nodes this far apart at rest are of different parts. Nearer ones, down to the second figure, may be of
+# one that folds, and are told where there is room.
+APART, NEAR = 4.0, 2.0
 PARTS = 6  # the most parts told of one cell
 # The most cells along an edge of the grid around the posed body, however far a pose stretches it.
 CELLS = 128
@@ -18,7 +19,7 @@ class Overlap:
     """Parts of the body in the cells of a grid around it, for one pose.
 
     Nodes of the rest grid are posed once and sorted into cells; of the nodes in a cell a few stay that lie apart at
-    rest. Where the body neither overlaps nor folds itself that is one.
+    rest. Where the body neither overlaps nor folds itself that is one, or two that are near each other.
 
     Parameters
     ----------
@@ -44,14 +45,17 @@ class Overlap:
         self.cell = torch.full((int(torch.tensor(self.shape).prod()),), -1, dtype=torch.int64, device=x.device)
         self.cell[known] = torch.arange(len(known), device=x.device)
         parts = torch.full((len(known), PARTS, d), torch.nan, dtype=x.dtype, device=x.device)
-        # Of the nodes that are left the first of each cell is a part, and takes with it all that lie near.
         left = torch.arange(len(x), device=x.device)
+        away = torch.full((len(x),), torch.inf, dtype=x.dtype, device=x.device)  # from all that are told of the cell
         for part in range(PARTS):
-            first = torch.full((len(known),), len(x), device=x.device)
-            first.scatter_reduce_(0, cell[left], left, "amin")
-            found = first < len(x)
-            parts[found, part] = x_rest[first[found]]
-            left = left[(x_rest[left] - parts[cell[left], part]).norm(dim=-1) > APART]
+            # The first that is apart, or else the first that is not near.
+            rank = left + torch.where(away[left] > APART * spacing, 0, len(x))
+            first = torch.full((len(known),), 2 * len(x), device=x.device)
+            first.scatter_reduce_(0, cell[left], rank, "amin")
+            found = first < 2 * len(x)
+            parts[found, part] = x_rest[first[found] % len(x)]
+            away[left] = torch.minimum(away[left], (x_rest[left] - parts[cell[left], part]).norm(dim=-1))
+            left = left[away[left] > NEAR * spacing]
         self.parts = parts
 
     def __call__(self, x: Tensor) -> Tensor:

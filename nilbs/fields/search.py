@@ -1,5 +1,7 @@
 """The default field: the network says where to begin, and a root search on the forward field says where to end."""
 
+from typing import NamedTuple
+
 import torch
 from torch import Tensor
 
@@ -19,6 +21,8 @@ ITERATIONS, CONTRACTIONS = 6, 20
 SAME = 0.02
 # In cells of the grid of weights: nodes no farther from the skin are places to begin from.
 BEYOND = 2.0
+# In cells of the grid of weights: how far beside a root in a fold others are looked for.
+ASIDE = 1.5
 
 
 class SearchField(Field):
@@ -28,7 +32,9 @@ class SearchField(Field):
     is inside is whether forward skinning sends a point of the body there. The network's inverse map (eq. 6) tells about
     where such a point is, a few steps of Newton's method find it, and what then is left between its image and the
     query (the residual) tells whether it is one. Where the body overlaps itself there are several, and one inside is
-    enough: the search begins again from every part of the body that lies there.
+    enough: the search begins again from every part of the body that lies there. Where the body folds, roots lie close
+    together: one at which space is turned inside out counts as minus one, and all together as one, so that there are at
+    least two others. They are looked for beside it, along the direction in which it folds.
 
     Parameters
     ----------
@@ -101,7 +107,8 @@ class PosedSearch:
     def __init__(self, field: SearchField, B: Tensor, mapping: str = "search") -> None:
         self.field, self.B, self.mapping = field, B, mapping
         self.blends = field.skinning.blends(B)
-        if mapping in ("search", "parts"):
+        self._many = mapping in ("search", "parts")
+        if self._many:
             with torch.no_grad():
                 grid, body = field.forward_field, field.body
                 blends = self.blends if field.forward_network is None else grid.blends(B)
@@ -116,24 +123,26 @@ class PosedSearch:
         with torch.set_grad_enabled(traced):
             first = self._first(x)
         with torch.no_grad():
-            root, distance, residual = self._search(x, first.detach())
+            found = self._search(x, first.detach())
             for start in self._starts(x):
                 worth = ~start.isnan().any(dim=-1)
-                if self.mapping in ("search", "parts"):
-                    worth &= (distance >= 0) & (torch.isinf(distance) | ((start - root).norm(dim=-1) > SAME))
+                if self._many:
+                    elsewhere = (start - found.x_rest).norm(dim=-1) > SAME
+                    worth &= (found.distance >= 0) & (~found.solved | found.inverted | elsewhere)
                 going = torch.nonzero(worth)[:, 0]
-                found = self._search(x[going], start[going])
-                better = found[1] < distance[going]
-                better |= torch.isinf(distance[going]) & (found[2] < residual[going])
-                for kept, new in zip((root, distance, residual), found, strict=True):
-                    kept[going[better]] = new[better]
-            solved = torch.isfinite(distance)
+                self._improve(found, x, going, start[going])
+            for aside in (ASIDE, -ASIDE) if self._many else ():
+                going = torch.nonzero((found.distance >= 0) & found.solved & found.inverted)[:, 0]
+                self._improve(found, x, going, self._beside(found.x_rest[going], aside))
+        root, solved = found.x_rest, found.solved
         if traced:
             root = implicit(x, root, self.field.skinning, self.blends)
         x_rest = torch.where(solved[:, None], root, first)
-        distance = cache.distance(x_rest)
+        # Of roots it is known already, but for its derivatives.
+        asked = torch.arange(len(x), device=x.device) if traced else torch.nonzero(~solved)[:, 0]
+        distance = found.distance.index_put((asked,), cache.distance(x_rest[asked]))
         # A point without a rest image is outside, about as far as the nearest image lies from it.
-        distance = torch.where(solved, distance, torch.maximum(distance, residual))
+        distance = torch.where(solved, distance, torch.maximum(distance, found.residual))
         return Answer(-distance / cache.width, distance, x_rest)
 
     def _first(self, x: Tensor) -> Tensor:
@@ -148,7 +157,7 @@ class PosedSearch:
 
     def _starts(self, x: Tensor) -> tuple[Tensor, ...]:
         """Where further searches begin, each (n, d); nan where none is worth it."""
-        if self.mapping in ("search", "parts"):
+        if self._many:
             return self.overlap(x).unbind(1)
         if self.mapping == "all-bones":
             return tuple(self._rigid(x, bone) for bone in range(1, len(self.B)))
@@ -160,13 +169,42 @@ class PosedSearch:
         inverse = torch.linalg.inv(self.B[bone])
         return x @ inverse[:d, :d].mT + inverse[:d, d]
 
-    def _search(self, x: Tensor, start: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Where a search ended, the distance there (infinite if that is no root), and the residual."""
-        found: Roots
+    def _beside(self, root: Tensor, aside: float) -> Tensor:
+        """Places beside roots (n, d), along the direction that forward skinning shortens most."""
+        self.evaluations += len(root)
+        jacobian = self.field.skinning.pose(root, self.blends).jacobian
+        return root + aside * self.field.forward_field.spacing * torch.linalg.svd(jacobian).Vh[:, -1]
+
+    def _improve(self, found: "Found", x: Tensor, going: Tensor, start: Tensor) -> None:
+        """Search again for some of the points, and keep what is better: farther inside, or nearer to a root."""
+        new = self._search(x[going], start)
+        better = new.distance < found.distance[going]
+        better |= ~found.solved[going] & (new.residual < found.residual[going])
+        for kept, tensor in zip(found, new, strict=True):
+            kept[going[better]] = tensor[better]
+
+    def _search(self, x: Tensor, start: Tensor) -> "Found":
+        """One search for each point."""
+        roots: Roots
         if self.mapping == "fixed-point":
-            found = fixed_point(x, start, self.field.skinning, self.blends, iterations=CONTRACTIONS)
+            roots = fixed_point(x, start, self.field.skinning, self.blends, iterations=CONTRACTIONS)
         else:
-            found = newton(x, start, self.field.skinning, self.blends, iterations=ITERATIONS)
-        self.evaluations += found.evaluations
-        distance = self.field.inverse.cache.distance(found.x_rest)
-        return found.x_rest, torch.where(found.residual < ROOT, distance, torch.inf), found.residual
+            roots = newton(x, start, self.field.skinning, self.blends, iterations=ITERATIONS)
+        self.evaluations += roots.evaluations
+        distance = self.field.inverse.cache.distance(roots.x_rest)
+        distance = torch.where(roots.residual < ROOT, distance, torch.inf)
+        return Found(roots.x_rest, distance, roots.residual, roots.inverted)
+
+
+class Found(NamedTuple):
+    """Where searches ended (n, d), the distance there (infinite if that is no root), and what `Roots` has of it."""
+
+    x_rest: Tensor
+    distance: Tensor
+    residual: Tensor
+    inverted: Tensor
+
+    @property
+    def solved(self) -> Tensor:
+        """Whether a root was found."""
+        return torch.isfinite(self.distance)

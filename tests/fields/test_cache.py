@@ -107,47 +107,78 @@ def test_leading_dimensions_and_the_order_in_memory_do_not_matter(rng: np.random
     np.testing.assert_array_equal(field.distance(x.reshape(3, 4, 3)), expected.reshape(3, 4))
 
 
+class Tree:
+    """Random values on a grid of which two cells are divided, one of them without and one with divided cells in it."""
+
+    PARTS = (3, 2)
+
+    def __init__(self, d: int, rng: np.random.Generator) -> None:
+        shape = np.array(SHAPES[d])
+        cells = [(1,) * d, tuple(shape - 2)]
+        coarse, first, second = rng.normal(size=shape), rng.normal(size=(2, *(4,) * d)), rng.normal(size=(2, *(3,) * d))
+        self.brick = np.full(shape - 1, -1, dtype=np.int32)
+        self.brick[cells[0]], self.brick[cells[1]] = 0, 1
+        finer = np.full((2, *(3,) * d), -1, dtype=np.int32)
+        parts = [(0,) * d, (2,) * d]
+        finer[1][parts[0]], finer[1][parts[1]] = 0, 1
+        self.finer = finer.ravel()
+        self.coarse, self.values = coarse, np.concatenate([part.ravel() for part in (coarse, first, second)])
+        corners = [ORIGIN + SPACING * np.array(cell) for cell in cells]
+        finest = [corners[1] + SPACING / 3 * np.array(part) for part in parts]
+        # Corner, edge and nodes of every brick; the finest last.
+        self.bricks = [
+            *zip(corners, (SPACING, SPACING), first, strict=True),
+            *zip(finest, (SPACING / 3, SPACING / 3), second, strict=True),
+        ]
+
+    def cache(self, **changes) -> RestCache:
+        d = self.brick.ndim
+        arrays = {"values": self.values, "brick": self.brick, "finer": self.finer, "origin": np.full(d, ORIGIN)}
+        tensors = {name: torch.as_tensor(array) for name, array in (arrays | changes).items()}
+        return RestCache(**tensors, spacing=SPACING, parts=self.PARTS, width=0.1)
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_divided_cell_is_read_at_its_own_nodes(d: int, rng: np.random.Generator) -> None:
-    shape, parts = np.array(SHAPES[d]), 3
-    coarse = rng.normal(size=shape)
-    brick = np.full(shape - 1, -1, dtype=np.int32)
-    fine = rng.normal(size=(2, *(parts + 1,) * d))
-    chosen = [(1,) * d, tuple(shape - 2)]
-    for k, cell in enumerate(chosen):
-        brick[cell] = coarse.size + k * (parts + 1) ** d
-    values = np.concatenate([coarse.ravel(), fine.ravel()])
-    tensors = [torch.as_tensor(a) for a in (values, brick, np.full(d, ORIGIN))]
-    divided = RestCache(*tensors, SPACING, parts=parts, width=0.1)
-    for k, cell in enumerate(chosen):
-        corner = ORIGIN + SPACING * np.array(cell)
-        x = corner + SPACING * rng.uniform(0, 1, (200, d))
-        axes = [c + SPACING * np.arange(parts + 1) / parts for c in corner]
-        expected = RegularGridInterpolator(axes, fine[k], bounds_error=False, fill_value=None)(x)
-        np.testing.assert_allclose(divided.distance(torch.as_tensor(x)).numpy(), expected, atol=1e-12)
-    # The other cells are as they were, and so is what lies beyond the grid.
-    x = rng.uniform(ORIGIN - 0.3, ORIGIN + SPACING * (shape - 1) + 0.3, (2000, d))
-    index = np.clip(np.floor((x - ORIGIN) / SPACING).astype(int), 0, shape - 2)
-    other = ~np.any([(index == cell).all(axis=1) for cell in chosen], axis=0)
-    plain = cache(coarse)
-    np.testing.assert_array_equal(
-        divided.distance(torch.as_tensor(x[other])).numpy(), plain.distance(torch.as_tensor(x[other])).numpy()
-    )
+    tree = Tree(d, rng)
+    field = tree.cache()
+    lower, upper = ORIGIN, ORIGIN + SPACING * (np.array(SHAPES[d]) - 1)
+    x = rng.uniform(lower - 0.3, upper + 0.3, (4000, d))
+    x = np.concatenate([x, *(corner + edge * rng.uniform(0, 1, (300, d)) for corner, edge, _ in tree.bricks)])
+    nearest = np.clip(x, lower, upper)
+    # Cells that are not divided are as they were.
+    expected, finest = cache(tree.coarse).distance(torch.as_tensor(nearest)).numpy(), np.full(len(x), -1)
+    for k, (corner, edge, fine) in enumerate(tree.bricks):
+        at = (nearest - corner) / edge
+        within = ((at > -1e-12) & (at < 1 + 1e-12)).all(axis=1)
+        axes = [np.linspace(0, 1, fine.shape[0])] * d
+        expected[within], finest[within] = RegularGridInterpolator(axes, fine)(np.clip(at[within], 0, 1)), k
+    expected += np.linalg.norm(x - nearest, axis=1)
+    np.testing.assert_allclose(field.distance(torch.as_tensor(x)).numpy(), expected, atol=1e-12)
+    assert (np.bincount(finest + 1, minlength=5) > 100).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_divided_cell_has_derivatives(d: int, rng: np.random.Generator) -> None:
-    parts = 2
-    brick = np.zeros((1,) * d, dtype=np.int32)
-    brick[...] = 2**d
-    values = rng.normal(size=2**d + (parts + 1) ** d)
-    field = RestCache(
-        torch.as_tensor(values),
-        torch.as_tensor(brick),
-        torch.zeros(d, dtype=torch.float64),
-        1.0,
-        parts=parts,
-        width=0.1,
-    )
-    x = torch.tensor(rng.uniform(0.05, 0.45, (6, d)) + 0.5 * rng.integers(0, 2, (6, d)), requires_grad=True)
-    assert torch.autograd.gradcheck(field.distance, x)
+    tree = Tree(d, rng)
+    # Kinks lie on the faces of the smallest cells: keep their middles.
+    x = np.concatenate([
+        corner + edge / n * (rng.integers(0, n, (4, d)) + rng.uniform(0.1, 0.4, (4, d)))
+        for corner, edge, n in ((corner, edge, 2 * (fine.shape[0] - 1)) for corner, edge, fine in tree.bricks)
+    ])  # fmt: skip
+    assert torch.autograd.gradcheck(tree.cache().distance, torch.tensor(x, requires_grad=True))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_bricks_must_have_all_their_nodes_and_cells(d: int, rng: np.random.Generator) -> None:
+    tree = Tree(d, rng)
+    for change in (
+        {"values": tree.values[:-1]},
+        {"values": np.concatenate([tree.values, [0.0]])},
+        {"finer": tree.finer[:-1]},
+        {"finer": np.concatenate([tree.finer, tree.finer[:1]])},
+        {"brick": tree.brick + 1},
+        {"finer": np.where(tree.finer < 0, tree.finer, 2**30)},
+    ):
+        with pytest.raises(ValueError, match=r"bricks have \d+ nodes and \d+ cells, not"):
+            tree.cache(**change)

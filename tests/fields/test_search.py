@@ -9,9 +9,10 @@ from nilbs.fields.encoding import LocalEncoding
 from nilbs.fields.fixed_point import fixed_point
 from nilbs.fields.forward import ForwardField, packed_weights
 from nilbs.fields.network import WeightNetwork
+from nilbs.fields.newton import newton
 from nilbs.fields.nilbs import NilbsField
-from nilbs.fields.overlap import APART, Overlap
-from nilbs.fields.search import SearchField
+from nilbs.fields.overlap import APART, NEAR, Overlap
+from nilbs.fields.search import Found, SearchField
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
 
@@ -140,7 +141,7 @@ def test_parts_that_lie_at_a_place_are_told_once_each(d: int, rng: np.random.Gen
     assert (x - asked).norm(dim=-1).max() < np.sqrt(d) * ask.overlap.edge + 1e-9
     both = found[:, 1]
     assert both.double().mean() > 0.9
-    assert ((parts[both, 0] - parts[both, 1]).norm(dim=-1) > APART).all()
+    assert ((parts[both, 0] - parts[both, 1]).norm(dim=-1) > APART * field.forward_field.spacing).all()
     assert ask.overlap(torch.full((3, d), 9.0, dtype=torch.float64)).isnan().all()
 
 
@@ -160,10 +161,79 @@ def test_the_first_part_told_is_the_deepest_of_its_cell(d: int, rng: np.random.G
 
 
 @pytest.mark.parametrize("d", [2, 3])
+def test_a_part_that_is_squeezed_into_a_cell_leaves_room_for_others(d: int) -> None:
+    # A rod whose deepest piece is squeezed a hundredfold, and of which another begins at the same place.
+    spacing = 0.01
+    along = spacing * torch.arange(16, dtype=torch.float64)
+    x_rest = torch.zeros((32, d), dtype=torch.float64)
+    x_rest[:16, 0], x_rest[16:, 0] = along, 1 + along
+    squeezed, kept = torch.eye(d, d + 1, dtype=torch.float64), torch.eye(d, d + 1, dtype=torch.float64)
+    squeezed[0, 0], kept[0, d] = 0.01, -1
+    blends = torch.cat([squeezed.expand(16, -1, -1), kept.expand(16, -1, -1)]).reshape(32, -1)
+    told = Overlap(x_rest, blends, spacing)(torch.full((1, d), 1e-6, dtype=torch.float64))[0, :, 0]
+    assert told[0] == 0
+    assert (told >= 1).any()
+    told = told[~told.isnan()]
+    assert ((told[:, None] - told).abs() + torch.eye(len(told))).min() > NEAR * spacing
+
+
+@pytest.mark.parametrize("d", [2, 3])
 def test_of_a_body_thinner_than_a_cell_no_part_is_told(d: int) -> None:
     empty = torch.zeros((0, d), dtype=torch.float64)
     overlap = Overlap(empty, torch.zeros((0, d * (d + 1)), dtype=torch.float64), 0.1)
     assert overlap(torch.zeros((2, d), dtype=torch.float64)).isnan().all()
+
+
+def fold(d: int) -> tuple[SearchField, torch.Tensor]:
+    """A rod that goes back over itself on the way, and a pose: along it x goes to x + WAY w(x), w a tent about 0."""
+    field = rod(d)
+    grid, x = field.forward_field, field.forward_field.nodes().numpy()
+    second = np.clip(1 - np.abs(x[:, 0]) / FOLDED, 0, 1)
+    packed = packed_weights(np.arange(len(x)), np.stack([1 - second, second], axis=1), tuple(grid.row.shape))
+    arrays = {name: torch.as_tensor(array) for name, array in packed.items()}
+    B = torch.eye(d + 1, dtype=torch.float64).repeat(2, 1, 1)
+    B[1, 0, d] = WAY
+    forward = ForwardField(**arrays, origin=grid.origin, spacing=grid.spacing)
+    return SearchField(field.inverse, forward).double(), B
+
+
+FOLDED, WAY = 0.06, 0.1
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_search_tells_where_space_is_inside_out(d: int) -> None:
+    field, B = fold(d)
+    x_rest = torch.zeros((4, d), dtype=torch.float64)
+    x_rest[:, 0] = torch.tensor([-0.2, -0.03, 0.03, 0.2])  # only beyond the tent's top is its slope below -1
+    blends = field.skinning.blends(B)
+    x = field.skinning.pose(x_rest, blends).x
+    found = newton(x, x_rest, field.skinning, blends, iterations=3)
+    assert found.inverted.tolist() == [False, False, True, False]
+    torch.testing.assert_close(found.x_rest, x_rest, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_beside_a_root_in_a_fold_the_others_are_found(d: int, monkeypatch) -> None:
+    field, B = fold(d)
+    ask = field.posed(B)
+    x_rest = torch.zeros((9, d), dtype=torch.float64)
+    x_rest[:, 0] = torch.linspace(0.01, 0.055, 9)  # in the fold, which begins the search at the inverted root
+    x = field.skinning.pose(x_rest, ask.blends).x
+    monkeypatch.setattr(ask, "_first", lambda x: x_rest)
+    # All parts lie near, so that no start is known, and the inverted root counts as outside.
+    monkeypatch.setattr(ask, "overlap", lambda x: torch.full((len(x), 1, d), torch.nan, dtype=x.dtype))
+    cache = field.inverse.cache
+    within = cache.distance
+    monkeypatch.setattr(
+        cache, "distance", lambda x: torch.where((x[..., 0] > 0) & (x[..., 0] < FOLDED), 0.01, within(x))
+    )
+    with torch.no_grad():
+        answer = ask(x)
+    assert (answer.distance < 0).all()
+    torch.testing.assert_close(field.skinning.pose(answer.x_rest, ask.blends).x, x, atol=1e-6, rtol=0)
+    monkeypatch.setattr(ask, "_beside", lambda root, aside: root)
+    with torch.no_grad():
+        assert (ask(x).distance > 0).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -221,8 +291,9 @@ def test_without_a_root_a_point_is_outside_as_far_as_the_nearest_image_misses(d:
     ask = field.posed(B)
     inner = torch.zeros((5, d), dtype=torch.float64)  # whatever the network says, the body is there
 
-    def nowhere(x: torch.Tensor, start: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        return start.clone(), torch.full_like(x[:, 0], torch.inf), torch.full_like(x[:, 0], 0.3)
+    def nowhere(x: torch.Tensor, start: torch.Tensor) -> Found:
+        inverted = torch.zeros(len(x), dtype=torch.bool)
+        return Found(start.clone(), torch.full_like(x[:, 0], torch.inf), torch.full_like(x[:, 0], 0.3), inverted)
 
     monkeypatch.setattr(ask, "_search", nowhere)
     monkeypatch.setattr(ask, "_first", lambda x: x)

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 
-from nilbs.geometry.distance import signed_distance
+from nilbs.geometry.distance import closest_points, signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.interpolation import volume_interpolation
+from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.rest_grids import distance_bricks, distance_grid, weight_grid
 
 
@@ -27,9 +29,9 @@ def test_far_fewer_distances_are_asked_than_there_are_nodes(characters, monkeypa
 
     def counted(V, F, x):
         asked.append(len(x))
-        return signed_distance(V, F, x)
+        return closest_points(V, F, x)
 
-    monkeypatch.setattr("nilbs.geometry.rest_grids.signed_distance", counted)
+    monkeypatch.setattr("nilbs.geometry.rest_grids.closest_points", counted)
     grid = Grid.box(c.V, 512)
     distance_grid(c.V, c.F, grid)
     assert sum(asked) < 0.4 * grid.size
@@ -79,25 +81,116 @@ def test_a_grid_that_misses_the_body_has_the_nearest_node(characters) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_cells_that_the_surface_may_cross_are_divided_and_exact(d: int, characters) -> None:
+def test_cells_that_the_surface_may_cross_are_divided(d: int, characters) -> None:
     c, parts = characters[d], 3
     grid = Grid.box(c.V, 12)
-    values, brick = distance_bricks(c.V, c.F, grid, parts=parts)
+    values, brick, finer = distance_bricks(c.V, c.F, grid, parts=[parts], tolerance=0.0, relative=0.0)
     assert brick.shape == tuple(n - 1 for n in grid.shape)
+    assert len(finer) == 0
     np.testing.assert_array_equal(values[: grid.size].reshape(grid.shape), distance_grid(c.V, c.F, grid))
+    bricks = values[grid.size :].reshape(-1, *(parts + 1,) * d)
     # A slow twin: every cell by itself.
-    begins = grid.size
-    within = np.stack(np.meshgrid(*[np.arange(parts + 1)] * d, indexing="ij"), axis=-1).reshape(-1, d)
+    number, within = 0, within_brick(parts, d)
     for cell in np.ndindex(*brick.shape):
         corner = grid.origin + grid.spacing * np.array(cell)
-        nodes = corner + grid.spacing * within / parts
-        exact = signed_distance(c.V, c.F, nodes)
+        exact = signed_distance(c.V, c.F, corner + grid.spacing * within / parts)
         crossed = exact.min() < 0 < exact.max()
         if brick[cell] < 0:
             assert not crossed
             continue
-        assert brick[cell] == begins
-        begins += len(within)
-        np.testing.assert_allclose(values[brick[cell] :][: len(within)], exact, atol=1e-12)
-    assert begins == len(values)
+        assert brick[cell] == number
+        number += 1
+        # Values are moved by less than a cell of the brick, for distance changes no faster than position.
+        assert np.abs(bricks[brick[cell]].ravel() - exact).max() < d / 6 * grid.spacing / parts
+    assert number == len(bricks)
     assert 0 < (brick >= 0).mean() < 1
+
+
+def within_brick(parts: int, d: int) -> np.ndarray:
+    return np.stack(np.meshgrid(*[np.arange(parts + 1)] * d, indexing="ij"), axis=-1).reshape(-1, d)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_cells_of_bricks_are_divided_where_distance_bends(d: int, characters) -> None:
+    c, parts, tolerance, relative = characters[d], (3, 2), 1e-3, 0.02
+    grid = Grid.box(c.V, 10)
+    values, brick, finer = distance_bricks(c.V, c.F, grid, parts=parts, tolerance=tolerance, relative=relative)
+    finer = finer.reshape(-1, *(3,) * d)
+    assert len(finer) == (brick >= 0).sum() == brick.max() + 1
+    assert len(values) == grid.size + len(finer) * 4**d + (finer.max() + 1) * 3**d
+    # A slow twin: every brick by itself.
+    number = 0
+    for place in np.argwhere(brick >= 0):
+        corner = grid.origin + grid.spacing * place
+        exact = signed_distance(c.V, c.F, corner + grid.spacing * within_brick(3, d) / 3).reshape((4,) * d)
+        for cell in np.ndindex(*(3,) * d):
+            nodes = exact[tuple(slice(i, i + 2) for i in cell)]
+            bends = []
+            for axis in range(d):
+                bend = np.abs(np.diff(exact, 2, axis=axis))
+                bend = np.concatenate([bend.take([0], axis), bend, bend.take([-1], axis)], axis)
+                bends.append(bend[tuple(slice(i, i + 2) for i in cell)].mean())
+            divided = finer[(brick[tuple(place)], *cell)]
+            if abs(sum(bends) / 8 - (allowed := tolerance + relative * abs(nodes.mean()))) > 1e-12:
+                assert (divided >= 0) == (sum(bends) / 8 > allowed)
+            assert divided in (-1, number)
+            number += divided >= 0
+    assert 0 < number < finer.size
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_between_nodes_of_bricks_distance_is_right_on_average(d: int, rng: np.random.Generator) -> None:
+    # A ball that is a few cells thick; its distance is convex everywhere.
+    V, F = ball(d)
+    grid, parts = Grid([-1.6] * d, 0.4, (9,) * d), 4
+    values, brick, _ = distance_bricks(V, F, grid, parts=[parts], tolerance=0.0, relative=0.0)
+    bricks = values[grid.size :].reshape(-1, *(parts + 1,) * d)
+    x = rng.normal(size=(4000, d))
+    x *= rng.uniform(0.9, 1.1, (4000, 1)) / np.linalg.norm(x, axis=1, keepdims=True)
+    cell = ((x - grid.origin) / grid.spacing).astype(int)
+    at = parts * ((x - grid.origin) / grid.spacing - cell)
+    number = brick[tuple(cell.T)]
+    assert (number >= 0).all()
+    exact = signed_distance(V, F, x)
+    axes = [np.arange(len(bricks)), *[np.arange(parts + 1)] * d]
+    missed = RegularGridInterpolator(axes, bricks)(np.column_stack([number, at])) - exact
+    nodes = grid.origin + grid.spacing * (np.argwhere(brick >= 0)[:, None] + within_brick(parts, d) / parts)
+    plain = signed_distance(V, F, nodes.reshape(-1, d)).reshape(bricks.shape)
+    plainly = RegularGridInterpolator(axes, plain)(np.column_stack([number, at])) - exact
+    assert plainly.mean() > 5 * abs(missed.mean())
+    assert np.abs(plainly).mean() > 1.5 * np.abs(missed).mean()
+
+
+def ball(d: int) -> tuple[np.ndarray, np.ndarray]:
+    if d == 2:
+        angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1), np.stack(
+            [np.arange(200), (np.arange(200) + 1) % 200], axis=1
+        )
+    import trimesh
+
+    sphere = trimesh.creation.icosphere(subdivisions=4)
+    return np.asarray(sphere.vertices), np.asarray(sphere.faces)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("closed", [True, False])
+def test_signs_are_those_of_the_winding_number(d: int, *, closed: bool, characters, monkeypatch) -> None:
+    c, asked = characters[d], []
+    # Through a hole inside and outside hang together, and where one ends is told by every place for itself.
+    F = c.F if closed else c.F[len(c.F) // 50 :]
+
+    def counted(V, F, x):
+        asked.append(len(x))
+        return occupancy(V, F, x)
+
+    monkeypatch.setattr("nilbs.geometry.rest_grids.occupancy", counted)
+    grid = Grid.box(c.V, 8)
+    values, brick, _ = distance_bricks(c.V, F, grid, parts=[6], tolerance=0.0, relative=0.0)
+    bricks = values[grid.size :].reshape(-1, 7**d)
+    nodes = grid.origin + grid.spacing * (np.argwhere(brick >= 0)[:, None] + within_brick(6, d) / 6)
+    exact = signed_distance(c.V, F, nodes.reshape(-1, d)).reshape(bricks.shape)
+    sure = np.abs(exact) > d / 6 * grid.spacing / 6
+    np.testing.assert_array_equal((bricks < 0)[sure], (exact < 0)[sure])
+    if closed:
+        assert sum(asked) < 0.6 * len(np.unique(nodes.reshape(-1, d).round(9), axis=0))
