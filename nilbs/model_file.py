@@ -134,7 +134,10 @@ def _field(character: Character, settings: Settings, state: Mapping[str, np.ndar
     rest = None
     if settings.method == "nilbs":
         check_rest_state(state, character)
-        rest = RestState(state, {name: float(text["spacing"][name]) for name in (CACHE, FORWARD)})
+        spacing = {name: float(text["spacing"][name]) for name in (CACHE, FORWARD)}
+        if not all(0 < edge < 1e9 for edge in spacing.values()):
+            raise ValueError(f"cells of grids must have an edge above zero, got {spacing}")
+        rest = RestState(state, spacing)
     field = build_field(character, settings, rest)
     precision = next((a.dtype for a in state.values() if a.dtype.kind == "f"), np.dtype(np.float32))
     field = field.to(torch.float64 if precision == np.float64 else torch.float32)

@@ -24,7 +24,7 @@ from nilbs.unit_frame import at_rest, root_bone
 # In units of L: how far around the body rest weights are known, and how far they go on beyond the skin unbroken.
 BAND, DEPTH = 0.05, 0.015
 # Parts that the edge of a cell of the rest cache is divided in: at the skin, and again, twice, where interpolation
-# misses the distance by more than this much, in units of L, and this share of it.
+# misses the distance by more than this much, in units of L, and this share of it besides.
 PARTS, TOLERANCE, RELATIVE = (4, 2, 2), 1e-5, 0.01
 # Names of the field's parts that hold the grids.
 CACHE, FORWARD = "inverse.cache", "forward_field"

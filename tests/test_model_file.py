@@ -86,7 +86,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: c.update({"motion.B": c["motion.B"][:, :1]}), "the motion has shape"),
         (
             lambda c, t: c.update({"field.inverse.cache.values": c["field.inverse.cache.values"][:1]}),
-            r"bricks have \d+ nodes and \d+ cells, not 1 and",
+            r"nodes and the bricks \d+ cells, not 1 and",
         ),
         (
             lambda c, t: c.update({"field.inverse.cache.brick": c["field.inverse.cache.brick"][:0]}),
@@ -94,7 +94,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         ),
         (
             lambda c, t: c.update({"field.inverse.cache.brick": c["field.inverse.cache.brick"] + 1}),
-            "bricks have",
+            "the grid and its bricks have",
         ),
         (
             lambda c, t: c.update({"field.inverse.cache.finer": c["field.inverse.cache.finer"] - 1}),
@@ -102,7 +102,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         ),
         (
             lambda c, t: c.update({"field.inverse.cache.finer": c["field.inverse.cache.finer"][:-1]}),
-            "bricks have",
+            "the grid and its bricks have",
         ),
         (lambda c, t: c.pop("field.inverse.cache.finer"), "finer"),
         (lambda c, t: c.update({"field.inverse.cache.origin": np.zeros(7, dtype=np.float32)}), "origin must be"),
@@ -112,6 +112,8 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: t.pop("spacing"), "spacing"),
         (lambda c, t: t["spacing"].update({"forward_field": "wide"}), "could not convert"),
         (lambda c, t: t["spacing"].update({"inverse.cache": 10**400}), "too large"),
+        (lambda c, t: t["spacing"].update({"inverse.cache": 0}), "cells of grids must have an edge above zero"),
+        (lambda c, t: t["spacing"].update({"forward_field": -1}), "cells of grids must have an edge above"),
         (lambda c, t: c.update({"field.forward_field.row": c["field.forward_field.row"] + 10**6}), "does not exist"),
         (lambda c, t: c.update({"field.forward_field.bone": c["field.forward_field.bone"] + 99}), "does not exist"),
         (lambda c, t: c.update({"field.forward_field.first": -c["field.forward_field.first"]}), "do not follow"),

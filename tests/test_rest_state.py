@@ -27,8 +27,9 @@ def test_the_cache_answers_distance_at_the_skin(d: int, characters, states, rng:
     x = V[rng.integers(0, len(V), 400)] + rng.normal(scale=0.01, size=(400, d))
     cache = search_field(c, SETTINGS, states[d]).double().inverse.cache
     missed = np.abs(cache.distance(torch.as_tensor(x)).numpy() - signed_distance(V, c.F, x))
-    # Distance bends at corners and halfway between limbs, where an undivided cell misses it by less than its edge.
-    assert np.median(missed) < 1e-3
+    assert np.median(missed) < 2e-4
+    assert np.quantile(missed, 0.75) < 1e-3
+    # Distance bends halfway between limbs too, where an undivided cell misses it by less than its edge.
     assert missed.max() < 4 / 64
 
 

@@ -11,16 +11,16 @@ from torch import Tensor, nn
 class RestCache(nn.Module):
     """Signed distance and occupancy of the rest shape, interpolated multilinearly on a grid that is finer at the skin.
 
-    Between nodes the value is linear along each axis. Where a divided cell borders on one that is not, values on the
-    two sides differ by what the coarser interpolation misses. Outside the grid it is the value at the nearest point of
-    the grid plus the distance to that point, an upper bound of the true distance that grows away from the shape.
-    Lengths are in the unit of the points, which in a model is L.
+    Between nodes the value is linear along each axis. Where cells of different size meet, values on the two sides
+    differ by about what the coarser interpolation misses. Outside the grid it is the value at the nearest point of the
+    grid plus the distance to that point, an upper bound of the true distance that grows away from the shape. Lengths
+    are in the unit of the points, which in a model is L.
 
     Parameters
     ----------
     values : (s,) tensor
-        Signed distance at the nodes of the grid and then of every divided cell, negative inside; see
-        `nilbs.geometry.rest_grids.distance_bricks`.
+        Values at the nodes of the grid, and then, division by division, at those of every brick, by which interpolation
+        tells signed distance, negative inside; see `nilbs.geometry.rest_grids.distance_bricks`.
     brick : (n_1 - 1, .., n_d - 1) int tensor
         Number of a cell's brick, the nodes that it is divided by, among those of the first division; -1 for none.
     finer : (c,) int tensor
@@ -119,7 +119,7 @@ class _Division(NamedTuple):
 
 
 def _divisions(values: int, brick: Tensor, finer: Tensor, parts: tuple[int, ...]) -> list[_Division]:
-    """What each division has of the values and of the cells of bricks, all of which must be had."""
+    """What each division has of the values and of the cells of bricks; together they must have all."""
     d, divisions = brick.ndim, []
     value, cell, above = prod(n + 1 for n in brick.shape), 0, brick.ravel()
     for at, part in enumerate(parts):
@@ -132,7 +132,9 @@ def _divisions(values: int, brick: Tensor, finer: Tensor, parts: tuple[int, ...]
         above = finer[cell : cell + (0 if final else bricks * part**d)]
         cell += 0 if final else bricks * part**d
     if (value, cell) != (values, len(finer)):
-        raise ValueError(f"bricks have {value} nodes and {cell} cells, not {values} and {len(finer)}")
+        raise ValueError(
+            f"the grid and its bricks have {value} nodes and the bricks {cell} cells, not {values} and {len(finer)}"
+        )
     return divisions
 
 

@@ -19,7 +19,7 @@ class Overlap:
     """Parts of the body in the cells of a grid around it, for one pose.
 
     Nodes of the rest grid are posed once and sorted into cells; of the nodes in a cell a few stay that lie apart at
-    rest. Where the body neither overlaps nor folds itself that is one, or two that are near each other.
+    rest. Where the body neither overlaps nor folds itself those are near each other.
 
     Parameters
     ----------

@@ -17,12 +17,12 @@ from nilbs.settings import MAPPINGS
 
 # Steps of one search; of the fixed point, which gains the same share in every step and no more.
 ITERATIONS, CONTRACTIONS = 6, 20
-# In units of the body's longest edge: a start this near to a root that is known finds it again.
+# In units of the body's longest edge: a start this near to a root that is known finds it again, but for folds.
 SAME = 0.02
 # In cells of the grid of weights: nodes no farther from the skin are places to begin from.
 BEYOND = 2.0
-# In cells of the grid of weights: how far beside a root in a fold others are looked for.
-ASIDE = 1.5
+# In cells of the grid of weights: how far beside a root in a fold others are looked for, on either side.
+ASIDE = (1.5, 3.0)
 
 
 class SearchField(Field):
@@ -33,8 +33,8 @@ class SearchField(Field):
     where such a point is, a few steps of Newton's method find it, and what then is left between its image and the
     query (the residual) tells whether it is one. Where the body overlaps itself there are several, and one inside is
     enough: the search begins again from every part of the body that lies there. Where the body folds, roots lie close
-    together: one at which space is turned inside out counts as minus one, and all together as one, so that there are at
-    least two others. They are looked for beside it, along the direction in which it folds.
+    together: one at which space is turned inside out counts as minus one, and all together usually as one, so that
+    there are two others. They are looked for on either side of it, along the direction in which it folds.
 
     Parameters
     ----------
@@ -131,16 +131,21 @@ class PosedSearch:
                     worth &= (found.distance >= 0) & (~found.solved | found.inverted | elsewhere)
                 going = torch.nonzero(worth)[:, 0]
                 self._improve(found, x, going, start[going])
-            for aside in (ASIDE, -ASIDE) if self._many else ():
-                going = torch.nonzero((found.distance >= 0) & found.solved & found.inverted)[:, 0]
-                self._improve(found, x, going, self._beside(found.x_rest[going], aside))
+            if self._many:
+                folded = torch.nonzero((found.distance >= 0) & found.solved & found.inverted)[:, 0]
+                for start in self._beside(found.x_rest[folded]):
+                    worth = found.distance[folded] >= 0
+                    self._improve(found, x, folded[worth], start[worth])
         root, solved = found.x_rest, found.solved
         if traced:
             root = implicit(x, root, self.field.skinning, self.blends)
         x_rest = torch.where(solved[:, None], root, first)
         # Of roots it is known already, but for its derivatives.
-        asked = torch.arange(len(x), device=x.device) if traced else torch.nonzero(~solved)[:, 0]
-        distance = found.distance.index_put((asked,), cache.distance(x_rest[asked]))
+        distance = found.distance
+        if traced:
+            distance = cache.distance(x_rest)
+        else:
+            distance[~solved] = cache.distance(x_rest[~solved])
         # A point without a rest image is outside, about as far as the nearest image lies from it.
         distance = torch.where(solved, distance, torch.maximum(distance, found.residual))
         return Answer(-distance / cache.width, distance, x_rest)
@@ -169,11 +174,22 @@ class PosedSearch:
         inverse = torch.linalg.inv(self.B[bone])
         return x @ inverse[:d, :d].mT + inverse[:d, d]
 
-    def _beside(self, root: Tensor, aside: float) -> Tensor:
-        """Places beside roots (n, d), along the direction that forward skinning shortens most."""
-        self.evaluations += len(root)
-        jacobian = self.field.skinning.pose(root, self.blends).jacobian
-        return root + aside * self.field.forward_field.spacing * torch.linalg.svd(jacobian).Vh[:, -1]
+    def _beside(self, root: Tensor) -> list[Tensor]:
+        """Places beside roots (n, d) in folds, on the line on which others lie.
+
+        A fold moves points along one direction, by how much their weights change: what is left of the map without the
+        turn of its blend has that direction for the one that it turns around.
+        """
+        d = root.shape[-1]
+        self.evaluations += 2 * len(root)
+        skinning = self.field.skinning
+        turn, jacobian = skinning.blend(root, self.blends)[..., :d], skinning.pose(root, self.blends).jacobian
+        value, vector = torch.linalg.eig(torch.linalg.solve(turn, jacobian))
+        turned = torch.where(value.imag.abs() > 1e-6 * value.abs(), torch.inf, value.real).argmin(dim=-1)
+        direction = vector.real[torch.arange(len(root), device=root.device), :, turned]
+        direction = direction / direction.norm(dim=-1, keepdim=True)
+        cells = (side * aside for aside in ASIDE for side in (1, -1))
+        return [root + cell * self.field.forward_field.spacing * direction for cell in cells]
 
     def _improve(self, found: "Found", x: Tensor, going: Tensor, start: Tensor) -> None:
         """Search again for some of the points, and keep what is better: farther inside, or nearer to a root."""

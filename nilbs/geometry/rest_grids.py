@@ -12,7 +12,7 @@ from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.topology import group_labels, ridges
 from nilbs.geometry.validation import arrays
 
-# Nodes that are asked for at once; bounds the memory of a grid of any size.
+# Nodes that libigl is asked for at once.
 CHUNK = 2**19
 # The coarsest grid has at least this many cells along its shortest edge.
 COARSEST = 4
@@ -88,7 +88,7 @@ def distance_bricks(
         divided cell are a brick.
     tolerance, relative : float
         A cell of a brick is divided if, by the second differences in the brick, linear interpolation misses the
-        distance there by more than `tolerance`, in mesh units, and `relative` times that distance.
+        distance there by more than the sum of `tolerance`, in mesh units, and `relative` times that distance.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def distance_bricks(
     Raises
     ------
     ValueError
-        If V and F do not fit each other.
+        If V and F do not fit each other, or a part is less than 2.
 
     Notes
     -----
@@ -112,9 +112,10 @@ def distance_bricks(
     a diagonal. All cells that it may cross are divided once. Whether that is enough depends on how much distance bends,
     as it does at edges and around and within what is thin.
 
-    Linear interpolation between exact values of a convex function is too large, by a twelfth of the second difference
-    along each axis on average. Values at nodes of bricks are that much too small instead, and interpolation is right on
-    average: the skin that is read from it is neither too thin nor too thick.
+    Linear interpolation between exact values of a convex function is too large: by an eighth of the second difference
+    along each axis halfway between nodes, and by a twelfth on average. Values at nodes of bricks are that much too
+    small instead, but for those of cells that are divided further, and interpolation is right on average: the skin that
+    is read from it is neither too thin nor too thick.
 
     Examples
     --------
@@ -126,13 +127,15 @@ def distance_bricks(
     array([ 0.1,  0. , -0.1])
     """
     V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
+    if min(parts, default=2) < 2:
+        raise ValueError(f"parts must be at least 2, got {list(parts)}")
     coarse = distance_grid(V, F, grid)
     d, cells = coarse.ndim, np.array(grid.shape) - 1
     farthest = np.maximum.reduce([np.abs(corner) for corner in _corners(coarse, d)])
     chosen = np.argwhere(farthest <= grid.spacing * np.sqrt(d))
-    brick = _numbered(farthest.shape, chosen)
-    values, finer = [coarse.ravel()], []
-    for division, part in enumerate(parts):
+    brick = _numbered(farthest.shape, chosen) if len(parts) else np.full(cells, -1, dtype=np.int32)
+    values, finer = [coarse.ravel()], [np.empty(0, dtype=np.int32)]
+    for division, part in enumerate(parts, 1):
         grid = Grid(grid.origin, grid.spacing / part, tuple(part * cells + 1))
         cells = part * cells
         within = np.argwhere(np.ones((part + 1,) * d, dtype=bool))
@@ -142,15 +145,21 @@ def distance_bricks(
         exact = _exact(V, F, grid, known)
         nodes = exact[which].reshape(-1, *(part + 1,) * d)
         bends = _bends(nodes, d)
-        bend = np.bincount(which.ravel(), bends.sum(axis=0).ravel()) / np.bincount(which.ravel())
-        values.append((exact - bend / 12)[which].ravel())
-        if division == len(parts) - 1:
-            break
-        allowed = tolerance + relative * np.abs(np.mean(_corners(nodes, d), axis=0))
-        missed = np.argwhere(np.mean(_corners(np.abs(bends).sum(axis=0), d), axis=0) > 8 * allowed)
-        finer.append(_numbered((len(nodes), *(part,) * d), missed).ravel())
-        chosen = part * chosen[missed[:, 0]] + missed[:, 1:]
-    return Bricks(np.concatenate(values), brick, np.concatenate([*finer, np.empty(0, dtype=np.int32)]))
+        missed = np.mean(_corners(np.abs(bends).sum(axis=0), d), axis=0) / 8
+        again = missed > tolerance + relative * np.abs(np.mean(_corners(nodes, d), axis=0))
+        again &= division < len(parts)
+        cells_at, read_at = np.zeros(nodes.shape), np.zeros(nodes.shape)
+        for all_cells, read_cells in zip(_corners(cells_at, d), _corners(read_at, d), strict=True):
+            all_cells += 1
+            read_cells += ~again
+        bend = np.bincount(which, bends.sum(axis=0).ravel()) / np.bincount(which)
+        bend *= np.bincount(which, read_at.ravel()) / np.bincount(which, cells_at.ravel())
+        values.append((exact - bend / 12)[which])
+        if division < len(parts):
+            divided = np.argwhere(again)
+            finer.append(_numbered(again.shape, divided).ravel())
+            chosen = part * chosen[divided[:, 0]] + divided[:, 1:]
+    return Bricks(np.concatenate(values), brick, np.concatenate(finer))
 
 
 def weight_grid(
@@ -231,7 +240,7 @@ def _weights(
 
 
 def _corners(values: np.ndarray, d: int) -> list[np.ndarray]:
-    """Values at the first, second and so on corner of every cell; the last d axes are the grid's."""
+    """Values at the first, second and so on corner of every cell, as views; the last d axes are the grid's."""
     sides, leading = (slice(None, -1), slice(1, None)), (slice(None),) * (values.ndim - d)
     return [values[leading + tuple(sides[side] for side in corner)] for corner in np.ndindex(*(2,) * d)]
 
@@ -257,11 +266,10 @@ def _exact(V: np.ndarray, F: np.ndarray, grid: Grid, node: np.ndarray) -> np.nda
     length = _asked(lambda x: closest_points(V, F, x)[0], grid, node)
     side = _sides(F, grid, node, length)
     # Of each side the node that is farthest from the surface tells where all lie.
-    order = np.argsort(length)
-    told = np.empty(side.max(initial=-1) + 1, dtype=np.int64)
-    told[side[order]] = order
-    inside = _asked(lambda x: occupancy(V, F, x), grid, node[told])[side]
-    return np.where(inside, -length, length)
+    order = np.lexsort((length, side))
+    told = order[np.diff(side[order], append=-1) != 0]
+    inside = _asked(lambda x: occupancy(V, F, x), grid, node[told]) > 0
+    return np.where(inside[side], -length, length)
 
 
 def _sides(F: np.ndarray, grid: Grid, node: np.ndarray, length: np.ndarray) -> np.ndarray:
@@ -280,7 +288,8 @@ def _sides(F: np.ndarray, grid: Grid, node: np.ndarray, length: np.ndarray) -> n
         second = np.searchsorted(node, node[first] + stride)
         there = np.flatnonzero(node[np.minimum(second, len(node) - 1)] == node[first] + stride)
         first, second = first[there], second[there]
-        apart = length[first] + length[second] > (1 + 1e-9) * grid.spacing
+        # With room for rounding: one wrong pair would turn the whole body.
+        apart = length[first] + length[second] > 1.01 * grid.spacing
         pairs.append(np.stack([first[apart], second[apart]]))
     first, second = np.concatenate(pairs, axis=1)
     return group_labels(first, second, len(node))
@@ -288,11 +297,12 @@ def _sides(F: np.ndarray, grid: Grid, node: np.ndarray, length: np.ndarray) -> n
 
 def _asked(function: Callable[[np.ndarray], np.ndarray], grid: Grid, node: np.ndarray) -> np.ndarray:
     """Values of a function at nodes of a grid, some at once."""
-    values = [np.empty(0)]
+    values = np.empty(len(node))
     for start in range(0, len(node), CHUNK):
-        index = np.stack(np.unravel_index(node[start : start + CHUNK], grid.shape), axis=1)
-        values.append(function(grid.origin + grid.spacing * index))
-    return np.concatenate(values[1:] or values)
+        part = slice(start, start + CHUNK)
+        index = np.stack(np.unravel_index(node[part], grid.shape), axis=1)
+        values[part] = function(grid.origin + grid.spacing * index)
+    return values
 
 
 def _refined(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:

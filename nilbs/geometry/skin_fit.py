@@ -7,7 +7,7 @@ from nilbs.geometry.facets import facet_areas
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.interpolation import facet_values
 from nilbs.geometry.sampling import facet_samples
-from nilbs.geometry.validation import arrays
+from nilbs.geometry.validation import arrays, check_indices
 
 # Samples of the skin on the area of a cell's face, and the most of all.
 SAMPLES, MOST = 12, 2**21
@@ -44,12 +44,13 @@ def fit_to_skin(
     Returns
     -------
     W_node : (s, b) float array
-        Nodes of cells that the skin does not cross are as they were, and so are the sums of all rows.
+        Nodes of cells that the skin does not cross are as they were, and so are those of cells with a corner that has
+        no weights. Where rows of W and of W_node sum to one they still do.
 
     Raises
     ------
     ValueError
-        If the sizes disagree.
+        If the sizes disagree or a node does not exist.
 
     Notes
     -----
@@ -74,6 +75,7 @@ def fit_to_skin(
     """
     V, F, W = arrays(V=(V, "n d"), F=(F, "m d", int), W=(W, "n b"))
     node, W_node = arrays(node=(node, "s", int), W_node=(W_node, f"s {W.shape[1]}"))
+    check_indices("node", node[:, None], grid.size, "nodes of the grid")
     area = facet_areas(V, F).sum() / grid.spacing ** (V.shape[1] - 1)
     x, facet = facet_samples(V, F, int(min(np.ceil(SAMPLES * area), MOST)), rng=rng)
     at, A = _interpolation(grid, node, x)

@@ -96,6 +96,13 @@ def test_a_point_without_a_rest_image_has_no_distance_and_harms_no_other(d: int)
     assert distance[0] == 0.5
     assert torch.isnan(distance[1])
     assert distance[2] == np.inf
+    # Nor in a divided cell.
+    x = np.full((3, d), ORIGIN + SPACING * 1.1)
+    x[1, -1] = np.nan
+    distance = Tree(d, np.random.default_rng(0)).cache().distance(torch.as_tensor(x))
+    assert torch.isfinite(distance[0])
+    assert torch.isnan(distance[1])
+    assert distance[2] == distance[0]
 
 
 def test_leading_dimensions_and_the_order_in_memory_do_not_matter(rng: np.random.Generator) -> None:
@@ -180,5 +187,5 @@ def test_bricks_must_have_all_their_nodes_and_cells(d: int, rng: np.random.Gener
         {"brick": tree.brick + 1},
         {"finer": np.where(tree.finer < 0, tree.finer, 2**30)},
     ):
-        with pytest.raises(ValueError, match=r"bricks have \d+ nodes and \d+ cells, not"):
+        with pytest.raises(ValueError, match=r"bricks have \d+ nodes and the bricks \d+ cells, not"):
             tree.cache(**change)

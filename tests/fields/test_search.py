@@ -184,25 +184,25 @@ def test_of_a_body_thinner_than_a_cell_no_part_is_told(d: int) -> None:
     assert overlap(torch.zeros((2, d), dtype=torch.float64)).isnan().all()
 
 
-def fold(d: int) -> tuple[SearchField, torch.Tensor]:
-    """A rod that goes back over itself on the way, and a pose: along it x goes to x + WAY w(x), w a tent about 0."""
+FOLDED = 0.06
+
+
+def fold(d: int, way: float, turn: float = 0.0) -> tuple[SearchField, torch.Tensor]:
+    """A rod that goes back over itself, and a pose: along it x goes to x + way w(x), w a tent about 0, all turned."""
     field = rod(d)
     grid, x = field.forward_field, field.forward_field.nodes().numpy()
     second = np.clip(1 - np.abs(x[:, 0]) / FOLDED, 0, 1)
     packed = packed_weights(np.arange(len(x)), np.stack([1 - second, second], axis=1), tuple(grid.row.shape))
     arrays = {name: torch.as_tensor(array) for name, array in packed.items()}
-    B = torch.eye(d + 1, dtype=torch.float64).repeat(2, 1, 1)
-    B[1, 0, d] = WAY
+    moved = torch.eye(d + 1, dtype=torch.float64).repeat(2, 1, 1)
+    moved[1, 0, d] = way
     forward = ForwardField(**arrays, origin=grid.origin, spacing=grid.spacing)
-    return SearchField(field.inverse, forward).double(), B
-
-
-FOLDED, WAY = 0.06, 0.1
+    return SearchField(field.inverse, forward).double(), bent(d, turn)[1] @ moved
 
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_search_tells_where_space_is_inside_out(d: int) -> None:
-    field, B = fold(d)
+    field, B = fold(d, 0.1)
     x_rest = torch.zeros((4, d), dtype=torch.float64)
     x_rest[:, 0] = torch.tensor([-0.2, -0.03, 0.03, 0.2])  # only beyond the tent's top is its slope below -1
     blends = field.skinning.blends(B)
@@ -213,25 +213,28 @@ def test_a_search_tells_where_space_is_inside_out(d: int) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_beside_a_root_in_a_fold_the_others_are_found(d: int, monkeypatch) -> None:
-    field, B = fold(d)
+@pytest.mark.parametrize(("way", "turn"), [(0.1, 0.0), (0.1, 1.0), (0.3, 2.0)])
+@pytest.mark.parametrize("inside", [-1, 1])
+def test_beside_a_root_in_a_fold_the_others_are_found(
+    d: int, way: float, turn: float, inside: int, monkeypatch
+) -> None:
+    field, B = fold(d, way, turn)
     ask = field.posed(B)
     x_rest = torch.zeros((9, d), dtype=torch.float64)
-    x_rest[:, 0] = torch.linspace(0.01, 0.055, 9)  # in the fold, which begins the search at the inverted root
+    x_rest[:, 0] = torch.linspace(0.01, 0.055, 9)  # in the fold: the search begins at the inverted root and stays there
     x = field.skinning.pose(x_rest, ask.blends).x
     monkeypatch.setattr(ask, "_first", lambda x: x_rest)
-    # All parts lie near, so that no start is known, and the inverted root counts as outside.
+    # No part is told, and the root on one side alone, of the three, counts as inside.
     monkeypatch.setattr(ask, "overlap", lambda x: torch.full((len(x), 1, d), torch.nan, dtype=x.dtype))
-    cache = field.inverse.cache
-    within = cache.distance
+    side = {-1: lambda along: along < 0, 1: lambda along: along > FOLDED}[inside]
     monkeypatch.setattr(
-        cache, "distance", lambda x: torch.where((x[..., 0] > 0) & (x[..., 0] < FOLDED), 0.01, within(x))
+        field.inverse.cache, "distance", lambda x: torch.where(side(x[..., 0]), -0.01, 0.01).to(x.dtype)
     )
     with torch.no_grad():
         answer = ask(x)
     assert (answer.distance < 0).all()
     torch.testing.assert_close(field.skinning.pose(answer.x_rest, ask.blends).x, x, atol=1e-6, rtol=0)
-    monkeypatch.setattr(ask, "_beside", lambda root, aside: root)
+    monkeypatch.setattr(ask, "_beside", lambda root: [root])
     with torch.no_grad():
         assert (ask(x).distance > 0).all()
 

@@ -136,10 +136,18 @@ def test_cells_of_bricks_are_divided_where_distance_bends(d: int, characters) ->
             assert divided in (-1, number)
             number += divided >= 0
     assert 0 < number < finer.size
+    # What the second division holds is distance about its own nodes.
+    corner = np.empty((number, d))
+    for place in np.argwhere(brick >= 0):
+        for cell in np.argwhere(finer[brick[tuple(place)]] >= 0):
+            corner[finer[(brick[tuple(place)], *cell)]] = grid.origin + grid.spacing * (place + cell / 3)
+    exact = signed_distance(c.V, c.F, (corner[:, None] + grid.spacing * within_brick(2, d) / 6).reshape(-1, d))
+    assert np.abs(values[-number * 3**d :] - exact).max() < d / 6 * grid.spacing / 6
+    assert np.median(np.abs(values[-number * 3**d :] - exact)) < 5e-3 * grid.spacing
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_between_nodes_of_bricks_distance_is_right_on_average(d: int, rng: np.random.Generator) -> None:
+def test_between_nodes_distance_is_right_on_average(d: int, rng: np.random.Generator) -> None:
     # A ball that is a few cells thick; its distance is convex everywhere.
     V, F = ball(d)
     grid, parts = Grid([-1.6] * d, 0.4, (9,) * d), 4
@@ -171,6 +179,24 @@ def ball(d: int) -> tuple[np.ndarray, np.ndarray]:
 
     sphere = trimesh.creation.icosphere(subdivisions=4)
     return np.asarray(sphere.vertices), np.asarray(sphere.faces)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_far_from_the_origin_signs_are_right(d: int) -> None:
+    V, F = ball(d)
+    V = V + 1e7 * np.array([1, 0.7, 0.3])[:d]
+    grid = Grid.box(V, 20)
+    found, exact = distance_grid(V, F, grid), signed_distance(V, F, grid.points()).reshape(grid.shape)
+    np.testing.assert_array_equal(found < 0, exact < 0)
+
+
+def test_parts_of_cells_are_at_least_two(characters) -> None:
+    c = characters[2]
+    with pytest.raises(ValueError, match=r"parts must be at least 2, got \[4, 1\]"):
+        distance_bricks(c.V, c.F, Grid.box(c.V, 8), parts=[4, 1], tolerance=0.0, relative=0.0)
+    whole = distance_bricks(c.V, c.F, Grid.box(c.V, 8), parts=[], tolerance=0.0, relative=0.0)
+    assert (whole.brick == -1).all()
+    assert len(whole.values) == Grid.box(c.V, 8).size
 
 
 @pytest.mark.parametrize("d", [2, 3])

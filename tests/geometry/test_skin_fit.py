@@ -82,6 +82,13 @@ def test_skin_between_nodes_without_weights_counts_for_nothing(d: int, character
         np.testing.assert_array_equal(fitted, W_node)
 
 
+def test_nodes_that_the_grid_does_not_have_are_told(characters) -> None:
+    c = characters[2]
+    grid = Grid.box(c.V, 10)
+    with pytest.raises(ValueError, match=r"node\[1\] = \[1000000\] does not index the \d+ nodes of the grid"):
+        fit_to_skin(c.V, c.F, c.W, grid, [0, 10**6], np.ones((2, c.W.shape[1])), rng=np.random.default_rng(0))
+
+
 def test_bones_are_fitted_alike_however_many_there_are(characters) -> None:
     c = characters[2]
     grid = Grid.box(c.V, 20, pad=0.1)
