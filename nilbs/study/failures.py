@@ -1,6 +1,7 @@
 """Where linear blend skinning and its learned inverse fail: pictures, with what was measured while drawing them."""
 
 from collections.abc import Mapping
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,10 +47,10 @@ DARK = "#8a5a2b"
 # Degrees by which the gingerbread man's left arm is turned: until it presses into the body, and until it lies there.
 ARM, TURNS, SWING_FRAMES = 4, (-85.0, -150.0), 31
 ONCE, TWICE = "#9a9a9a", "#555555"
-# Cells of the rest cache of the finned bar, as many as in space; its thinnest fins are about half as thin as one.
+# Cells of the rest cache of the finned bar, as many as in space; its thinnest fins are half as thin as the finest.
 FIN_CELLS = 512
 # Of the finned bar, in lengths of the bar.
-FINS = (0.001, 0.0015, 0.002, 0.003, 0.004, 0.006, 0.008, 0.012, 0.016, 0.024)
+FINS = (0.00025, 0.0004, 0.0006, 0.001, 0.002, 0.004, 0.008, 0.012, 0.016, 0.024)
 FIN_HEIGHT, BAR_HEIGHT, SLANT, BEND = 0.2, 0.08, 0.2, 40.0
 FIN_POINTS = 4000
 PIXELS, FIN_PIXELS = 320, 900  # along the edge of a picture of occupancy
@@ -300,10 +301,13 @@ def _self_contact(model: "Model", path: Path) -> Failure:
 
 
 def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Generator) -> Failure:
+    from nilbs.rest_state import PARTS
+
     character = model.character
     pose = _turned(character, 1, np.array([-BEND]))[0]
     U_true = character.skin(pose)
-    cache, grid = Grid.box(character.V, model.settings.cache_resolution).spacing, Grid.cube(U_true, resolution)
+    finest = model.settings.cache_resolution * prod(PARTS[1:])
+    cache, grid = Grid.box(character.V, finest).spacing, Grid.cube(U_true, resolution)
     U, F = model.posed(pose).extract_on(grid)
     asked, extracted = [], []
     for fin in range(len(FINS)):
@@ -335,7 +339,7 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
     thickness = 100 * np.array(FINS) / character.L
     chart.semilogx(thickness, 100 * np.array(asked), "o-", color="#0072b2", markersize=3, label="field")
     chart.semilogx(thickness, 100 * np.array(extracted), "s-", color="#d55e00", markersize=3, label="extracted surface")
-    for cell, colour, name in ((cache, "#0072b2", "cache's"), (grid.spacing, "#d55e00", "extraction's")):
+    for cell, colour, name in ((cache, "#0072b2", "cache's finest"), (grid.spacing, "#d55e00", "extraction's")):
         chart.axvline(
             100 * cell / character.L, color=colour, linestyle=":", linewidth=1, label=f"edge of the {name} cell"
         )
@@ -355,9 +359,10 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
     L = character.L
     caption = (
         f"A bar with {len(FINS)} fins, bent by {BEND:g}°. The rest distance is known on a grid with cells of "
-        f"{cache / L:.2%} of L, and the surface is extracted on one with cells of {grid.spacing / L:.2%}. How much of "
-        f"a fin the field finds, by its thickness in cells of the first grid: {listed(cache, asked)}. A fin that "
-        "passes between the nodes leaves no negative distance at any, and for the field it does not exist there. "
+        f"{cache / L:.3%} of L where it bends, and the surface is extracted on one with cells of "
+        f"{grid.spacing / L:.2%}. How much of a fin the field finds, by its thickness in cells of the first grid: "
+        f"{listed(cache, asked)}. A fin that passes between the nodes leaves no negative distance at any, and for the "
+        "field it does not exist there. "
         "How much of it the surface holds, by its thickness in cells of the second: "
         f"{listed(grid.spacing, extracted)}. Fins that are found but not extracted come back on a finer grid of the "
         "extraction; the others need a finer cache (the setting cache_resolution)."

@@ -77,7 +77,7 @@ def test_fins_have_their_thickness_and_stand_apart():
     np.testing.assert_allclose(bar.V[:, 1].max(), failures.FIN_HEIGHT)
 
 
-def test_a_fin_thinner_than_the_caches_cell_is_lost_and_a_thick_one_is_found(fins):
+def test_a_fin_thinner_than_the_caches_finest_cell_is_lost_and_a_thick_one_is_found(fins):
     pose = failures._turned(fins.character, 1, np.array([-40.0]))[0]
     found = []
     for fin in (0, len(FINS) - 1):
