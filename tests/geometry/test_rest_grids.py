@@ -181,11 +181,11 @@ def ball(d: int) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(sphere.vertices), np.asarray(sphere.faces)
 
 
-@pytest.mark.parametrize("d", [2, 3])
-def test_far_from_the_origin_signs_are_right(d: int) -> None:
-    V, F = ball(d)
-    V = V + 1e7 * np.array([1, 0.7, 0.3])[:d]
-    grid = Grid.box(V, 20)
+def test_far_from_the_origin_signs_are_right() -> None:
+    # There rounding makes some neighbours on either side of an edge a little farther from it than from each other.
+    V = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) + 1e6 * np.array([1, 0.7])
+    F = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    grid = Grid.box(V, 40)
     found, exact = distance_grid(V, F, grid), signed_distance(V, F, grid.points()).reshape(grid.shape)
     np.testing.assert_array_equal(found < 0, exact < 0)
 
