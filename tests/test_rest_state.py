@@ -49,6 +49,23 @@ def test_the_forward_field_answers_the_weights_in_the_body(d: int, characters, s
 
 
 @DIMENSIONS
+def test_the_forward_field_is_fitted_to_the_skin(d: int, characters, states, monkeypatch) -> None:
+    c = characters[d]
+    x = torch.as_tensor(at_rest(c, c.V)[c.F].mean(axis=1))
+
+    def missed(state: RestState) -> float:
+        field = search_field(c, SETTINGS, state).double().forward_field
+        B = torch.eye(d + 1, dtype=torch.float64).repeat(len(c.BE), 1, 1)
+        B[1, 0, d] = 1
+        shift = (field.pose(x, field.blends(B)).x - x)[:, 0].numpy()
+        return float(np.abs(shift - c.W[c.F, 1].mean(axis=1)).mean())
+
+    fitted = missed(states[d])
+    monkeypatch.setattr("nilbs.rest_state.fit_to_skin", lambda V, F, W, grid, node, W_node, **others: W_node)
+    assert fitted < 0.9 * missed(rest_state(c, SETTINGS))
+
+
+@DIMENSIONS
 def test_finer_settings_give_finer_grids(d: int, characters, states) -> None:
     finer = rest_state(characters[d], replace(SETTINGS, cache_resolution=128, weight_resolution=96))
     for part, spacing in states[d].spacing.items():

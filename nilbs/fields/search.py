@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from nilbs.fields.answer import Answer
+from nilbs.fields.cramer import cramer
 from nilbs.fields.field import Field, PosedField
 from nilbs.fields.fixed_point import fixed_point
 from nilbs.fields.forward import ForwardField
@@ -184,7 +185,8 @@ class PosedSearch:
         self.evaluations += 2 * len(root)
         skinning = self.field.skinning
         turn, jacobian = skinning.blend(root, self.blends)[..., :d], skinning.pose(root, self.blends).jacobian
-        value, vector = torch.linalg.eig(torch.linalg.solve(turn, jacobian))
+        without = [cramer(turn.unbind(-1), column, dim=-1) for column in jacobian.unbind(-1)]
+        value, vector = torch.linalg.eig(torch.stack(without, dim=-1))
         turned = torch.where(value.imag.abs() > 1e-6 * value.abs(), torch.inf, value.real).argmin(dim=-1)
         direction = vector.real[torch.arange(len(root), device=root.device), :, turned]
         direction = direction / direction.norm(dim=-1, keepdim=True)

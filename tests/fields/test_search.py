@@ -240,6 +240,20 @@ def test_beside_a_root_in_a_fold_the_others_are_found(
 
 
 @pytest.mark.parametrize("d", [2, 3])
+def test_where_the_blend_collapses_there_are_places_beside_a_root(d: int) -> None:
+    # Halfway between a bone and the same bone turned by a half turn the blend has no inverse.
+    for ask in (rod(d).posed(bent(d, np.pi)), rod(d).posed(torch.cat([torch.eye(d + 1)[None], HALF_TURN[d][None]]))):
+        for beside in ask._beside(torch.zeros((2, d), dtype=torch.float64)):
+            assert torch.isfinite(beside).all()
+
+
+HALF_TURN = {
+    2: torch.diag(torch.tensor([-1.0, -1, 1])).double(),
+    3: torch.diag(torch.tensor([-1.0, -1, 1, 1])).double(),
+}
+
+
+@pytest.mark.parametrize("d", [2, 3])
 def test_one_search_alone_misses_what_all_bones_find(d: int, rng: np.random.Generator) -> None:
     field, B = rod(d), bent(d, np.pi - 0.25)
     x_rest = points(d, 2000, rng)

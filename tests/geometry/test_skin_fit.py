@@ -21,8 +21,11 @@ def read(grid: Grid, W_grid: np.ndarray, x: np.ndarray) -> np.ndarray:
     return found
 
 
-def nodes_of(c, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
-    return weight_grid(c.V, c.F, c.W, c.V_volume, c.T, c.W_volume, grid, band=0.1 * c.L, depth=0.015 * c.L)
+def fit(c, cells: int) -> tuple[Grid, np.ndarray, np.ndarray, np.ndarray]:
+    """A grid, nodes with weights, these weights, and what the fit makes of them."""
+    grid = Grid.box(c.V, cells, pad=0.1)
+    node, W_node = weight_grid(c.V, c.F, c.W, c.V_volume, c.T, c.W_volume, grid, band=0.1 * c.L, depth=0.015 * c.L)
+    return grid, node, W_node, fit_to_skin(c.V, c.F, c.W, grid, node, W_node, rng=np.random.default_rng(0))
 
 
 def filled(grid: Grid, node: np.ndarray, W_node: np.ndarray) -> np.ndarray:
@@ -34,9 +37,7 @@ def filled(grid: Grid, node: np.ndarray, W_node: np.ndarray) -> np.ndarray:
 @DIMENSIONS
 def test_interpolation_misses_the_weights_of_the_skin_by_less(d: int, characters, rng: np.random.Generator) -> None:
     c = characters[d]
-    grid = Grid.box(c.V, 30, pad=0.1)
-    node, W_node = nodes_of(c, grid)
-    fitted = fit_to_skin(c.V, c.F, c.W, grid, node, W_node, rng=np.random.default_rng(0))
+    grid, node, W_node, fitted = fit(c, 30)
     x, facet = facet_samples(c.V, c.F, 5000, rng=rng)  # others than it was fitted to
     skin = facet_values(c.V, c.F, c.W, x, facet)
     before, after = (np.abs(read(grid, filled(grid, node, W), x) - skin).sum(axis=1).mean() for W in (W_node, fitted))
@@ -47,9 +48,7 @@ def test_interpolation_misses_the_weights_of_the_skin_by_less(d: int, characters
 @DIMENSIONS
 def test_nodes_of_cells_without_skin_stay(d: int, characters, rng: np.random.Generator) -> None:
     c = characters[d]
-    grid = Grid.box(c.V, 30, pad=0.1)
-    node, W_node = nodes_of(c, grid)
-    fitted = fit_to_skin(c.V, c.F, c.W, grid, node, W_node, rng=np.random.default_rng(0))
+    grid, node, W_node, fitted = fit(c, 30)
     changed = (fitted != W_node).any(axis=1)
     x, _ = facet_samples(c.V, c.F, 200_000, rng=rng)
     cell = np.unique(((x - grid.origin) / grid.spacing).astype(int), axis=0)
@@ -91,9 +90,7 @@ def test_nodes_that_the_grid_does_not_have_are_told(characters) -> None:
 
 def test_bones_are_fitted_alike_however_many_there_are(characters) -> None:
     c = characters[2]
-    grid = Grid.box(c.V, 20, pad=0.1)
-    node, W_node = nodes_of(c, grid)
+    grid, node, W_node, alone = fit(c, 20)
     times = BONES // c.W.shape[1] + 2
-    alone = fit_to_skin(c.V, c.F, c.W, grid, node, W_node, rng=np.random.default_rng(0))
     many = fit_to_skin(c.V, c.F, np.tile(c.W, times), grid, node, np.tile(W_node, times), rng=np.random.default_rng(0))
     np.testing.assert_allclose(many, np.tile(alone, times), atol=1e-12)
