@@ -18,6 +18,7 @@ from matplotlib.collections import LineCollection
 import nilbs
 from nilbs.figures.canvas import INK, plain, sheet, write_png
 from nilbs.figures.views import Section, View
+from nilbs.geometry.diagnosis import enclosed_volume
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.isosurface import isosurface
@@ -42,7 +43,10 @@ def main() -> None:
 
     # 1. A pose of the character: its mesh, skinned.
     character = nilbs.load_character(args.mesh, args.rig, progress=True)
-    pose = nilbs.random_motion(character, seed=0)[args.frame]
+    motion = nilbs.random_motion(character, seed=0)
+    if not 0 <= args.frame < len(motion):
+        parser.error(f"there is no frame {args.frame}: the motion has {len(motion)}, counted from 0")
+    pose = motion[args.frame]
     U, F = linear_blend_skinning(character.V, character.W, pose), character.F
 
     # 2. Occupancy of points. A body that overlaps itself is inside where it does, and counted once.
@@ -50,7 +54,8 @@ def main() -> None:
     x = uniform_samples(grid.lower, grid.upper, args.points, rng=np.random.default_rng(0))
     inside = occupancy(U, F, x)
     share = inside.mean() * float(np.prod(grid.upper - grid.lower))
-    print(f"{'area' if character.d == 2 else 'volume'} from {len(x)} points {share:.5f}, enclosed {enclosed(U, F):.5f}")
+    kind, enclosed = "area" if character.d == 2 else "volume", enclosed_volume(U, F)  # where it overlaps, twice
+    print(f"{kind} from {len(x)} points {share:.5f}, enclosed {enclosed:.5f}")
 
     # 3. Signed distance, in mesh units. Its sign agrees with the winding number, here by the slow sum over all facets.
     distance = signed_distance(U, F, x)
@@ -85,12 +90,6 @@ def main() -> None:
         plain(panel, title=name)
     figure.colorbar(shown, ax=panels, fraction=0.03, extend="both", label="% of L, negative inside")
     print(write_png(figure, args.out / "02_occupancy_and_distance.png"))
-
-
-def enclosed(U: np.ndarray, F: np.ndarray) -> float:
-    """Area or volume that a closed surface encloses, by the divergence theorem; overlaps count twice."""
-    corners = U[F]
-    return float(np.linalg.det(corners).sum()) / (2 if U.shape[1] == 2 else 6)
 
 
 if __name__ == "__main__":

@@ -43,7 +43,7 @@ def main() -> None:
     )
     print(scores)
     path = args.out / "04_scores.json"
-    path.write_text(json.dumps(scores.json(), indent=1))
+    path.write_text(json.dumps(scores.values, indent=1))
     print(path)
 
 

@@ -61,12 +61,12 @@ def main() -> None:
     x, C = torch.as_tensor(ball, dtype=torch.float32), torch.as_tensor(character.C, dtype=torch.float32)
     theta = torch.zeros((len(character.BE), 1 if d == 2 else 3), requires_grad=True)
     optimizer = torch.optim.Adam([theta], lr=0.03)
-    for step in range(200):
+    for step in range(201):
         B = forward_kinematics(C, character.BE, character.P, theta)
         depth = (MARGIN - model.answer(x, B).distance / L).clamp_min(0)
         if step % 20 == 0:
             print(f"step {step:3}: deepest point {max(0.0, float(depth.detach().max()) - MARGIN):.4f} L inside")
-        if not depth.any():
+        if step == 200 or not depth.any():
             break
         optimizer.zero_grad()
         (100 * depth.mean() + 1e-3 * (theta**2).sum()).backward()

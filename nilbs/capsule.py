@@ -53,8 +53,7 @@ def capsule(
     (('bone0', 'bone1', 'bone2'), [-0.35, -0.117, 0.117, 0.35])
     """
     from nilbs.character import assemble
-    from nilbs.geometry.kinematics import bone_parents
-    from nilbs.geometry.skeleton import Skeleton
+    from nilbs.geometry.skeleton import skeleton_of_bones
 
     V, E = capsule_mesh(length=length, radius=radius, resolution=resolution, d=d)
     if bones < 1:
@@ -63,7 +62,7 @@ def capsule(
     C = np.zeros((bones + 1, d))
     C[:, 1] = np.linspace(-half, half, bones + 1)
     BE = np.column_stack([np.arange(bones), np.arange(1, bones + 1)])
-    skeleton = Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(bones)))
+    skeleton = skeleton_of_bones(C, BE)
     return assemble(V, E, skeleton, name="capsule")
 
 

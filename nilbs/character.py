@@ -16,6 +16,9 @@ from nilbs.geometry.weights import extend_weights
 from nilbs.report import Report, silent
 from nilbs.weighting import solve_weights
 
+# The arrays that make a character, in the order of its fields.
+ARRAYS = ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume")
+
 
 @dataclass(frozen=True)
 class Character:
@@ -131,6 +134,15 @@ def assemble(
     -----
     Facets that face against their neighbours are turned, so that the winding number tells inside from outside.
     Otherwise the surface stays as it is: skinning and occupancy are always those of the given mesh.
+
+    Examples
+    --------
+    >>> from nilbs.geometry.skeleton import skeleton_of_bones
+    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
+    >>> character = assemble(V, E, skeleton)
+    >>> character.L, character.W.shape, len(character.F)
+    (2.0, (4, 2), 4)
     """
     report = report or silent
     V, E = arrays(V=(V, "n d"), E=(E, "m 3", int))

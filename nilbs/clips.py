@@ -8,9 +8,9 @@ import numpy as np
 
 from nilbs.geometry.retargeting import guess_bone_map, retarget
 from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.validation import listed
 from nilbs.io.bone_map import read_bone_map
 from nilbs.io.errors import FileFormatError
-from nilbs.io.names import listed
 from nilbs.io.parts import Clip
 from nilbs.report import Report
 

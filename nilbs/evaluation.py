@@ -36,14 +36,11 @@ class Scores:
     Attributes
     ----------
     values : dict
-        What `json` returns.
+        What JSON files of scores hold (schema 1): lengths in % of L; each score with its mean, its worst frame and all
+        frames.
     """
 
     values: dict[str, Any]
-
-    def json(self) -> dict[str, Any]:
-        """Schema 1: lengths in % of L; each score with its mean, its worst frame and all frames."""
-        return self.values
 
     def __str__(self) -> str:
         """A table of means, the worst frame in brackets for the two IoUs."""
@@ -108,6 +105,20 @@ def evaluate(
     ------
     ValueError
         If a pose set or a row is unknown, or a number is not positive.
+
+    Examples
+    --------
+    >>> from nilbs.character import assemble
+    >>> from nilbs.fitting import fit
+    >>> from nilbs.geometry.skeleton import skeleton_of_bones
+    >>> from nilbs.motion import random_motion
+    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
+    >>> character = assemble(V, E, skeleton)
+    >>> model = fit(character, random_motion(character, frames=2), method="nearest")
+    >>> scores = evaluate(model, points=100, resolution=8, poses=["seen"])
+    >>> scores.values["poses"]["seen"]["iou_bbox"]["mean"] > 0.9
+    True
     """
     from tqdm import tqdm
 

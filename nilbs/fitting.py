@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from nilbs.character import Character
+from nilbs.character import ARRAYS, Character
 from nilbs.fields.field import Field
 from nilbs.fields.objective import REFRESH, Objective
 from nilbs.fields.training import TrainingState, train
@@ -76,10 +76,24 @@ def fit(
     Raises
     ------
     ValueError
-        If the motion moves another number of bones, a setting is out of range, both steps and minutes are given, or
-        the checkpoint belongs to another training.
+        If the motion moves another number of bones, a setting is out of range, both steps and minutes are given,
+        torch has no such device, or the checkpoint belongs to another training.
     FileFormatError
         If the checkpoint cannot be read.
+    FloatingPointError
+        If the loss is no number any more: the learning rate is too large.
+
+    Examples
+    --------
+    >>> from nilbs.character import assemble
+    >>> from nilbs.geometry.skeleton import skeleton_of_bones
+    >>> from nilbs.motion import random_motion
+    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
+    >>> character = assemble(V, E, skeleton)
+    >>> model = fit(character, random_motion(character, frames=2), method="nearest")
+    >>> model.occupancy([[0.1, 0.5], [9, 9]], model.motion[0])
+    array([1., 0.])
     """
     settings = replace(settings or Settings(), **changes)
     if not len(motion):
@@ -99,8 +113,9 @@ def fit(
     state = None
     if checkpoint is not None and resume:
         state = _load_checkpoint(Path(checkpoint), fingerprint, report)
-    torch.manual_seed(settings.seed)
-    field = build_field(character, settings).to(device=torch_device(device), dtype=dtype)
+    with torch.random.fork_rng():  # networks begin as torch's own generator says, which is the caller's
+        torch.manual_seed(settings.seed)
+        field = build_field(character, settings).to(device=torch_device(device), dtype=dtype)
     if settings.method in UNTRAINED:
         report(f"the method {settings.method} learns nothing: there is no training")
         return Model(character, motion, settings, np.zeros(0), field)
@@ -162,9 +177,8 @@ def _steps_within(seconds: float, field: Field, objective: Objective, learning_r
 
 def _fingerprint(character: Character, motion: Motion, settings: Settings, dtype: torch.dtype) -> str:
     """What a checkpoint belongs to: everything that the training depends on."""
-    c = character
     digest = hashlib.sha256(json.dumps([asdict(settings), str(dtype)], sort_keys=True).encode())
-    for array in (c.V, c.F, c.W, c.C, c.BE, c.P, c.V_volume, c.T, c.W_volume, motion.B):
+    for array in (*(getattr(character, name) for name in ARRAYS), motion.B):
         digest.update(f"{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -11,6 +11,7 @@ import numpy as np
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.isosurface import isosurface
 from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.plane import in_space
 from nilbs.io.mesh import write_mesh
 from nilbs.io.tgf import write_tgf
 
@@ -125,7 +126,7 @@ def write_gingerbread(folder: str | Path, d: int) -> tuple[Path, Path]:
     folder.mkdir(parents=True, exist_ok=True)
     mesh, rig = folder / ("gingerbread.obj" if d == 2 else "cookie.obj"), folder / "gingerbread.tgf"
     write_mesh(mesh, V.round(6) + 0.0, E)  # adding zero turns -0.0 into 0.0
-    write_tgf(rig, np.pad(C.round(6) + 0.0, ((0, 0), (0, 3 - d))), BE)
+    write_tgf(rig, in_space(C.round(6) + 0.0), BE)
     return mesh, rig
 
 

@@ -107,6 +107,13 @@ def load_character(
         If the files do not fit each other, or no weights can be solved for.
     OSError
         If a file cannot be opened.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from nilbs.gingerbread import write_gingerbread
+    >>> load_character(*write_gingerbread(tempfile.mkdtemp(), 2)).W.shape[1]
+    13
     """
     rigged = read_rigged_mesh(mesh, rig, weights, group=group, solve=solve, report=report)
     return rigged.assemble(progress=progress, report=report)
@@ -203,7 +210,9 @@ def fit_together(
     if skeleton is None:
         what = "no rig: give its file after the mesh" if rig_path == mesh_path else "no rig"
         raise FileFormatError(rig_path, f"the file holds {what}")
-    files = " and ".join(map(str, dict.fromkeys([str(mesh_path), str(rig_path)]))).replace(" and ", " with ")
+    if mesh.E.shape[1] != 3:
+        raise FileFormatError(mesh_path, "the file holds a curve of edges: a character's mesh is of triangles")
+    files = " with ".join(dict.fromkeys([str(mesh_path), str(rig_path)]))
     files += "" if weights_path is None else f" and {weights_path}"
     try:
         V, E, kept = whole_or_group(mesh, group)

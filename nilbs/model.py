@@ -145,6 +145,11 @@ class Model:
         distance : (n,) float array
             In mesh units, negative inside. Where the gradient says nothing (no rest image, the middle of a limb) it is
             that at rest.
+
+        Raises
+        ------
+        ValueError
+            As `occupancy`; or if the method is not "nilbs".
         """
         return self.posed(pose, mapping=mapping).posed_distance(x)
 
@@ -162,7 +167,8 @@ class Model:
         Parameters
         ----------
         rest_field : function of (n, d) float arrays
-            Rest points in mesh units to values (n, ...): a colour, a density, a texture coordinate.
+            Rest points in mesh units to values (n, ...): a colour, a density, a texture coordinate. Asked at the images
+            of points inside.
         x, pose, mapping
             As for `occupancy`.
         outside : float
@@ -191,6 +197,11 @@ class Model:
         -------
         W : (n, b+1) float array
             Rows sum to one; the last column is the ghost bone's.
+
+        Raises
+        ------
+        ValueError
+            As `occupancy`; or if the method is not "nilbs".
         """
         return self.posed(pose).weights(x)
 
@@ -206,7 +217,12 @@ class Model:
         -------
         x_rest : (n, d) float array
             In mesh units. A point without a rest image has the place where its first search began: by default the
-            inverse map's.
+            inverse map's; nan by the method "snarf".
+
+        Raises
+        ------
+        ValueError
+            As `occupancy`; or if the method has no rest images.
         """
         return self.posed(pose, mapping=mapping).rest_points(x)
 
@@ -224,6 +240,11 @@ class Model:
         -------
         x : (n, d) float array
             In mesh units.
+
+        Raises
+        ------
+        ValueError
+            As `occupancy`; or if the method is not "nilbs".
         """
         return self.posed(pose).posed_points(x_rest)
 
@@ -243,6 +264,11 @@ class Model:
             Vertices, in mesh units.
         F : (m, d) int array
             Triangles (3D) or edges (2D), oriented outward.
+
+        Raises
+        ------
+        ValueError
+            As `occupancy`; or if resolution is not positive.
         """
         U = linear_blend_skinning(self.character.V, self.character.W, pose)
         return self.posed(pose).extract_on(Grid.cube(U, resolution))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from nilbs.character import Character
+from nilbs.character import ARRAYS, Character
 from nilbs.fields.field import Field
 from nilbs.fields.search import SearchField
 from nilbs.geometry.kinematics import bone_order
@@ -39,7 +39,7 @@ def save_model(model: Model, path: str | Path) -> None:
 
     c, field = model.character, model.field
     contents = {f"field.{name}": tensor.cpu().numpy() for name, tensor in field.state_dict().items()}
-    for name in ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume"):
+    for name in ARRAYS:
         contents[f"character.{name}"] = getattr(c, name)
     contents |= {f"motion.{name}": getattr(model.motion, name) for name in ("B", "frames", "times")}
     contents["history"] = model.history
@@ -72,8 +72,26 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
     ------
     FileFormatError
         If the file is not a model of this version, or was damaged.
+    ValueError
+        If torch has no such device.
     OSError
         If it cannot be opened.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from nilbs.character import assemble
+    >>> from nilbs.fitting import fit
+    >>> from nilbs.geometry.skeleton import skeleton_of_bones
+    >>> from nilbs.motion import random_motion
+    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
+    >>> character = assemble(V, E, skeleton)
+    >>> model = fit(character, random_motion(character, frames=2), method="nearest")
+    >>> path = tempfile.mkdtemp() + "/bar.nilbs"
+    >>> model.save(path)
+    >>> load_model(path).settings.method
+    'nearest'
     """
     from nilbs.io.archive import read_archive
     from nilbs.io.errors import FileFormatError

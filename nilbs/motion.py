@@ -62,15 +62,15 @@ class Motion:
     skeleton: Skeleton | None = None
 
     def __post_init__(self) -> None:
-        arrays(B=(self.B, "t b d+1 d+1"), frames=(self.frames, "t", int))
-        times = self.times if np.size(self.times) else np.asarray(self.frames) / FPS
-        (times,) = arrays(times=(times, f"{len(self.B)}"))
+        B, frames = arrays(B=(self.B, "t b d+1 d+1"), frames=(self.frames, "t", int))
+        (times,) = arrays(times=(self.times if np.size(self.times) else frames / FPS, f"{len(B)}"))
         if (np.diff(times) < 0).any():
             raise ValueError(f"times decrease after frame {int(np.argmax(np.diff(times) < 0))}")
-        object.__setattr__(self, "times", times)
-        if self.skeleton is not None and (len(self.skeleton.BE), self.skeleton.d + 1) != self.B.shape[1:3]:
+        for name, value in (("B", B), ("frames", frames), ("times", times)):
+            object.__setattr__(self, name, value)
+        if self.skeleton is not None and (len(self.skeleton.BE), self.skeleton.d + 1) != B.shape[1:3]:
             raise ValueError(
-                f"the motion has shape {self.B.shape}, but the skeleton has {len(self.skeleton.BE)} bones "
+                f"the motion has shape {B.shape}, but the skeleton has {len(self.skeleton.BE)} bones "
                 f"in {self.skeleton.d} dimensions"
             )
 
@@ -181,6 +181,16 @@ def random_motion(character: Character, *, frames: int = FRAMES, amplitude: floa
     ------
     ValueError
         If frames is not positive or amplitude is negative.
+
+    Examples
+    --------
+    >>> from nilbs.character import assemble
+    >>> from nilbs.geometry.skeleton import skeleton_of_bones
+    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
+    >>> character = assemble(V, E, skeleton)
+    >>> random_motion(character, frames=3).B.shape
+    (3, 2, 3, 3)
     """
     if frames < 1:
         raise ValueError(f"a motion needs at least one frame, got {frames}")
@@ -229,16 +239,26 @@ def read_motion(
         If it moves another number of bones, moves a flat character out of its plane, or fits none of its bones.
     OSError
         If it cannot be opened.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from nilbs.geometry.skeleton import skeleton_of_bones
+    >>> from nilbs.io import write_motion_json
+    >>> path = tempfile.mkdtemp() + "/bend.json"
+    >>> write_motion_json(path, ["bone0"], np.zeros((2, 1, 1)), np.zeros((2, 2)))
+    >>> read_motion(path, skeleton_of_bones([[0, 0], [1, 0]], [[0, 1]])).times.round(3)
+    array([0.   , 0.042])
     """
     from nilbs.clips import chosen_clip, clip_transforms
     from nilbs.io.errors import FileFormatError, check_suffix
-    from nilbs.io.registry import MOTIONS
+    from nilbs.io.registry import MOTIONS, OWN_MOTIONS
 
     report = report or silent
     skeleton = character if isinstance(character, Skeleton) else character.skeleton
     path = Path(path)
     suffix = check_suffix(path, *MOTIONS)
-    if suffix in (".json", ".dmat"):
+    if suffix in OWN_MOTIONS:
         if clip is not None or bone_map is not None:
             what = "clip" if clip is not None else "bone map"
             raise FileFormatError(

@@ -59,11 +59,14 @@ class PosedModel:
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Signed distance (n,) at rest of posed points (n, d): see `Model.distance`."""
-        return _joined([_distance(answer) for answer in self._answers(x)]) * self.character.L
+        if not self.field.knows_distance:
+            raise ValueError("this model was trained by a method that knows no distance, only occupancy")
+        return _joined([answer.distance for answer in self._answers(x)]) * self.character.L
 
     def rest_points(self, x: np.ndarray) -> np.ndarray:
         """Rest images (n, d) of posed points (n, d): see `Model.rest_points`."""
-        unit = _joined([_rest_image(answer) for answer in self._answers(x)])
+        self._check_rest_images()
+        unit = _joined([answer.x_rest for answer in self._answers(x)])
         return unit * self.character.L + rest_center(self.character)
 
     def posed_distance(self, x: np.ndarray) -> np.ndarray:
@@ -86,13 +89,16 @@ class PosedModel:
 
     def values(self, rest_field: Callable[[np.ndarray], np.ndarray], x: np.ndarray, *, outside: float) -> np.ndarray:
         """Values (n, ...) of any field that is known at rest: see `Model.values`."""
+        self._check_rest_images()
         answers = list(self._answers(x))
-        images = _joined([_rest_image(answer) for answer in answers]) * self.character.L + rest_center(self.character)
+        images = _joined([answer.x_rest for answer in answers]) * self.character.L + rest_center(self.character)
         inside = _joined([answer.logit for answer in answers]) > 0
-        values = np.asarray(rest_field(images.astype(np.float64)), dtype=np.float64)
-        if values.shape[:1] != (len(inside),):
-            raise ValueError(f"the rest field must answer {len(inside)} points, got an array of shape {values.shape}")
-        return np.where(inside.reshape(-1, *(1,) * (values.ndim - 1)), values, outside)
+        found = np.asarray(rest_field(images[inside].astype(np.float64)), dtype=np.float64)
+        if found.shape[:1] != (inside.sum(),):
+            raise ValueError(f"the rest field must answer {inside.sum()} points, got an array of shape {found.shape}")
+        values = np.full((len(inside), *found.shape[1:]), outside)
+        values[inside] = found
+        return values
 
     def weights(self, x: np.ndarray) -> np.ndarray:
         """Weights (n, b+1) that the network predicts for posed points (n, d); the ghost bone's last."""
@@ -121,8 +127,9 @@ class PosedModel:
             answers = list(self._answers(x))
             # In mesh units the level is near the signed distance, so that marching cubes' linear interpolation is too.
             level = -_joined([answer.logit for answer in answers]) * self._width * self.character.L
-            distance = _joined([answer.distance for answer in answers])
-            return level, None if np.isnan(distance).all() else distance * self.character.L
+            if not self.field.knows_distance:
+                return level, None
+            return level, _joined([answer.distance for answer in answers]) * self.character.L
 
         return field_surface(levels, grid, stride=stride)
 
@@ -140,6 +147,10 @@ class PosedModel:
     @property
     def _width(self) -> float:
         return self.field.inverse.cache.width if isinstance(self.field, SearchField) else 1.0
+
+    def _check_rest_images(self) -> None:
+        if not self.field.knows_rest_images:
+            raise ValueError("this model was trained by a method that knows no rest images of posed points")
 
     def _answers(self, x: np.ndarray) -> Iterator[Answer]:
         for chunk in self._chunks(x):
@@ -204,18 +215,6 @@ def like(field: Field) -> torch.Tensor:
     """A tensor of the field's precision, on its device."""
     tensors = (*field.parameters(), *field.buffers())
     return next(tensor for tensor in tensors if tensor.is_floating_point())
-
-
-def _distance(answer: Answer) -> torch.Tensor:
-    if len(answer.distance) and bool(answer.distance.isnan().all()):
-        raise ValueError("this model was trained by a method that knows no distance, only occupancy")
-    return answer.distance
-
-
-def _rest_image(answer: Answer) -> torch.Tensor:
-    if len(answer.x_rest) and bool(answer.x_rest.isnan().all()):
-        raise ValueError("this model was trained by a method that knows no rest images of posed points")
-    return answer.x_rest
 
 
 def _joined(chunks: list[torch.Tensor]) -> np.ndarray:

@@ -12,11 +12,11 @@ import numpy as np
 
 from nilbs.geometry.plane import in_space, skeleton_in_space, transforms_in_space
 from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.validation import listed
 from nilbs.io.atomic import check_writable, replacing
 from nilbs.io.errors import check_suffix
-from nilbs.io.names import listed
 from nilbs.io.parts import Clip, Influences, Mesh, Parts
-from nilbs.io.registry import MESHES, WRITABLE
+from nilbs.io.registry import MESHES, MOTIONS, WRITABLE
 
 if TYPE_CHECKING:
     from nilbs.character import Character
@@ -96,7 +96,8 @@ def clip_of(motion: "Motion", skeleton: Skeleton) -> Clip:
     -------
     clip : Clip
     """
-    name = Path(motion.source).stem if Path(motion.source).suffix else motion.source
+    source = Path(motion.source)
+    name = source.stem if source.suffix.lower() in MOTIONS else motion.source  # it may end in a number with a point
     return Clip(name, skeleton_in_space(skeleton), motion.times, transforms_in_space(motion.B))
 
 
@@ -136,11 +137,7 @@ def write_files(
     OSError
         If a file cannot be written.
     """
-    for path in paths:
-        check_suffix(path, *WRITABLE)
-        check_writable(path)
-        if sum(Path(path).resolve() == Path(other).resolve() for other in paths) > 1:
-            raise ValueError(f"{path}: the same file is named twice")
+    check_outputs(paths)
     character = _Character(
         None if mesh is None else replace(mesh, V=in_space(mesh.V)),
         None if skeleton is None else skeleton_in_space(skeleton),
@@ -166,6 +163,30 @@ def write_files(
             with open(Path(folder, str(k), Path(path).name), "rb") as source:
                 copyfileobj(source, file)
     return tuple(written)
+
+
+def check_outputs(paths: Sequence[str | Path], *, inputs: Sequence[str | Path] = ()) -> None:
+    """Check that `write_files` can write these files, before the work that they are to hold.
+
+    Parameters
+    ----------
+    paths, inputs : sequences of path
+        What is to be written, and what it is made from and must not be replaced.
+
+    Raises
+    ------
+    FileFormatError
+        If a suffix is unknown.
+    ValueError
+        If a path is named twice.
+    OSError
+        If a file cannot be written.
+    """
+    for path in paths:
+        check_suffix(path, *WRITABLE)
+        check_writable(path, inputs=inputs)
+        if sum(Path(path).resolve() == Path(other).resolve() for other in paths) > 1:
+            raise ValueError(f"{path}: the same file is named twice")
 
 
 @dataclass(frozen=True)

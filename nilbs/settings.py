@@ -56,9 +56,9 @@ ROWS = {
     **MAPPINGS,
 }
 
-# The widest and deepest network, and the most nodes of a grid, that anyone can have meant.
 # The most labelled points of a training, which bounds its memory for motions of any length.
 MOST_LABELLED = 10_000_000
+# The widest and deepest network, and the most nodes of a grid, that anyone can have meant.
 WIDEST, MOST_NODES = 4096, {"cache_resolution": 2**30, "weight_resolution": 2**27}
 
 
@@ -75,7 +75,8 @@ class Settings:
     learning_rate : float
         Largest rate of the one-cycle schedule; 0 takes what `METHODS` says.
     width, depth : int
-        Units of a hidden layer, and number of linear layers; 0 takes what `METHODS` says.
+        Units of a hidden layer, and number of linear layers (of NASA's parts: of hidden layers); 0 takes what `METHODS`
+        says.
     poses_per_step, points_per_pose : int
         Batch of each loss; 0 takes what `METHODS` says.
     samples_per_frame : int

@@ -94,6 +94,14 @@ def solve_weights(
     Bones that lie on one place share it. A bone outside holds the nearest place of the volume, within `reach`; one
     further away holds nothing and has no weight. A separate part of the volume that no bone enters follows the bone
     nearest to it.
+
+    Examples
+    --------
+    >>> from nilbs.geometry.skeleton import skeleton_of_bones
+    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
+    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
+    >>> solve_weights(V, E, skeleton).W.sum(axis=1).round(6)
+    array([1., 1., 1., 1.])
     """
     V, E = arrays(V=(V, "n d"), E=(E, "m 3", int))
     check_indices("E", E, len(V), "vertices")

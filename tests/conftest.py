@@ -37,12 +37,8 @@ def characters() -> "dict[int, Character]":
     from nilbs.character import assemble
     from nilbs.geometry.grids import Grid
     from nilbs.geometry.isosurface import isosurface
-    from nilbs.geometry.kinematics import bone_parents
-    from nilbs.geometry.skeleton import Skeleton
+    from nilbs.geometry.skeleton import skeleton_of_bones
     from nilbs.gingerbread import gingerbread
-
-    def skeleton(C: np.ndarray, BE: np.ndarray) -> Skeleton:
-        return Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE))))
 
     grid = Grid.box(np.array([[-0.9, -0.3, -0.3], [0.9, 0.3, 0.3]]), 24)
     x = grid.points()
@@ -50,8 +46,8 @@ def characters() -> "dict[int, Character]":
     V, F = isosurface(np.linalg.norm(x - axis, axis=1) - 0.25, grid)
     C, BE = np.array([[-0.7, 0, 0], [-0.2, 0.02, 0], [0.2, 0, 0.03], [0.7, 0, 0]]), np.array([[0, 1], [1, 2], [2, 3]])
     V2, T2, C2, BE2 = gingerbread(2)
-    flat = assemble(V2, T2, skeleton(C2, BE2), name="gingerbread")
-    return {2: flat, 3: assemble(V, F, skeleton(C, BE), name="capsule")}
+    flat = assemble(V2, T2, skeleton_of_bones(C2, BE2), name="gingerbread")
+    return {2: flat, 3: assemble(V, F, skeleton_of_bones(C, BE), name="capsule")}
 
 
 @pytest.fixture(scope="session")

@@ -81,7 +81,7 @@ def stand_in(character: Character, *kinds: str, frames: int = 3) -> StandIn:
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_perfect_an_empty_and_an_inverted_prediction(d: int, characters) -> None:
     model = stand_in(characters[d], "perfect", "empty", "inverted")
-    seen = evaluate(model, points=800, resolution=24, poses=["seen"]).json()["poses"]["seen"]
+    seen = evaluate(model, points=800, resolution=24, poses=["seen"]).values["poses"]["seen"]
     assert seen["iou_bbox"]["frames"] == [1, 0, 0]
     assert seen["iou_surface"]["frames"] == [1, 0, 0]
     # What an empty mesh has not is null, in a frame; the mean is of the others.
@@ -112,14 +112,14 @@ def test_points_fill_the_cube_and_cling_to_the_surface(d: int, characters, monke
 
 def test_a_prediction_that_is_always_empty_has_scores_without_a_value(characters) -> None:
     scores = evaluate(stand_in(characters[2], "empty"), points=100, resolution=8, poses=["seen"])
-    chamfer = scores.json()["poses"]["seen"]["chamfer_l1"]
+    chamfer = scores.values["poses"]["seen"]["chamfer_l1"]
     assert chamfer == {"mean": None, "worst": None, "frames": [None, None, None]}
     assert " - " in str(scores)
 
 
 def test_the_worst_frame_is_the_lowest_or_the_highest(characters) -> None:
     model = stand_in(characters[3], "perfect", "inverted", "perfect")
-    seen = evaluate(model, points=400, resolution=20, poses=["seen"]).json()["poses"]["seen"]
+    seen = evaluate(model, points=400, resolution=20, poses=["seen"]).values["poses"]["seen"]
     for name, score in seen.items():
         frames = score["frames"]
         assert len(frames) == 3
@@ -137,7 +137,7 @@ def test_the_worst_frame_is_the_lowest_or_the_highest(characters) -> None:
 
 def test_the_json_is_that_of_the_protocol(characters) -> None:
     model = stand_in(characters[2], "perfect", frames=4)
-    values = evaluate(model, points=50, resolution=8, seed=3, rows=["floor"]).json()
+    values = evaluate(model, points=50, resolution=8, seed=3, rows=["floor"]).values
     assert json.loads(json.dumps(values, allow_nan=False)) == values
     assert values["schema"] == 1
     assert values["L"] == model.character.L
@@ -167,25 +167,25 @@ def test_the_json_is_that_of_the_protocol(characters) -> None:
 
 def test_the_floor_is_the_perfect_prediction(characters) -> None:
     model = stand_in(characters[2], "perfect")
-    values = evaluate(model, points=300, resolution=16, poses=["seen", "far"], rows=["floor"]).json()
+    values = evaluate(model, points=300, resolution=16, poses=["seen", "far"], rows=["floor"]).values
     assert values["rows"]["floor"] == values["poses"]
-    without = evaluate(model, points=300, resolution=16, poses=["seen", "far"]).json()
+    without = evaluate(model, points=300, resolution=16, poses=["seen", "far"]).values
     assert without["rows"] == {}
     assert without["poses"] == values["poses"]
     # It is the truth's, whatever the model says.
     blind = evaluate(stand_in(characters[2], "empty"), points=300, resolution=16, poses=["seen", "far"], rows=["floor"])
-    assert blind.json()["rows"] == values["rows"]
+    assert blind.values["rows"] == values["rows"]
 
 
 def test_the_seed_and_nothing_else_is_chance(characters, models) -> None:
     options = {"points": 200, "resolution": 12, "poses": ["unseen"]}
-    first = evaluate(models[2], **options).json()
-    assert evaluate(models[2], **options).json() | {"query_seconds": first["query_seconds"]} == first
-    assert evaluate(models[2], seed=1, **options).json()["poses"] != first["poses"]
-    seen = [evaluate(models[2], seed=seed, **(options | {"poses": ["seen"]})).json() for seed in (0, 1)]
+    first = evaluate(models[2], **options).values
+    assert evaluate(models[2], **options).values | {"query_seconds": first["query_seconds"]} == first
+    assert evaluate(models[2], seed=1, **options).values["poses"] != first["poses"]
+    seen = [evaluate(models[2], seed=seed, **(options | {"poses": ["seen"]})).values for seed in (0, 1)]
     assert seen[0]["poses"] != seen[1]["poses"]
     # A set's scores do not depend on which others are asked for.
-    both = evaluate(models[2], **(options | {"poses": ["seen", "unseen"]})).json()
+    both = evaluate(models[2], **(options | {"poses": ["seen", "unseen"]})).values
     assert both["poses"]["unseen"] == first["poses"]["unseen"]
 
 
@@ -247,7 +247,7 @@ def test_short_motions_have_fewer_seen_and_interpolated_poses(characters) -> Non
         motion = random_motion(c, frames=frames)
         assert len(evaluation_poses(c, motion, "seen", seed=0)) == seen
         assert evaluation_poses(c, motion, "interpolated", seed=0).shape == (between, len(c.BE), 3, 3)
-    values = evaluate(stand_in(c, "perfect", frames=1), points=20, resolution=4, poses=["interpolated"]).json()
+    values = evaluate(stand_in(c, "perfect", frames=1), points=20, resolution=4, poses=["interpolated"]).values
     assert values["poses"] == {"interpolated": {}}
 
 
@@ -271,7 +271,7 @@ def test_random_poses_turn_all_but_the_roots(d: int, name: str, std: float, char
 def test_rows_of_the_model_s_own_map_and_of_the_nearest_vertex(d: int, models) -> None:
     model = models[d]
     rows = ["floor", "inverse", "nearest"]
-    values = evaluate(model, points=2000, resolution=16, poses=["unseen"], rows=rows).json()
+    values = evaluate(model, points=2000, resolution=16, poses=["unseen"], rows=rows).values
     assert list(values["rows"]) == rows
     surface = {row: sets["unseen"]["iou_surface"]["mean"] for row, sets in values["rows"].items()}
     searched = values["poses"]["unseen"]["iou_surface"]["mean"]
@@ -280,12 +280,12 @@ def test_rows_of_the_model_s_own_map_and_of_the_nearest_vertex(d: int, models) -
     assert surface["inverse"] < searched
     own = replace(model, settings=replace(model.settings, mapping="inverse"))
     again = evaluate(own, points=2000, resolution=16, poses=["unseen"])
-    assert again.json()["poses"] == {"unseen": values["rows"]["inverse"]["unseen"]}
+    assert again.values["poses"] == {"unseen": values["rows"]["inverse"]["unseen"]}
 
 
 def test_surfaces_may_be_left_out_and_other_poses_and_noises_asked_for(characters) -> None:
     model = stand_in(characters[2], "perfect")
-    scores = evaluate(model, points=50, resolution=0, noise=0.02, poses=["random 0.5", "random 0.6"]).json()
+    scores = evaluate(model, points=50, resolution=0, noise=0.02, poses=["random 0.5", "random 0.6"]).values
     assert scores["noise"] == 0.02
     assert set(scores["poses"]) == {"random 0.5", "random 0.6"}
     for sets in scores["poses"].values():
@@ -313,7 +313,7 @@ def test_random_poses_have_the_spread_that_their_name_says(characters) -> None:
 
 def test_distances_are_compared_with_the_posed_mesh_s_own(characters) -> None:
     model = stand_in(characters[2], "perfect", frames=1)
-    seen = evaluate(model, points=50, resolution=0, distances=True, poses=["seen"]).json()["poses"]["seen"]
+    seen = evaluate(model, points=50, resolution=0, distances=True, poses=["seen"]).values["poses"]["seen"]
     assert seen["distance_error"]["mean"] == pytest.approx(2 / model.character.L)
     assert seen["posed_distance_error"]["mean"] == pytest.approx(1 / model.character.L)
 
@@ -327,7 +327,7 @@ def test_rows_of_a_map_need_a_model_that_has_it(characters) -> None:
 
 def test_distances_of_a_trained_model_and_of_its_maps(models) -> None:
     options = {"points": 400, "resolution": 0, "distances": True, "poses": ["unseen"]}
-    values = evaluate(models[3], rows=["inverse", "floor"], **options).json()
+    values = evaluate(models[3], rows=["inverse", "floor"], **options).values
     own, inverse = values["poses"]["unseen"], values["rows"]["inverse"]["unseen"]
     for name in ("distance_error", "posed_distance_error"):
         # In % of L, at points within about 2 % of it from the skin.

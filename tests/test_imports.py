@@ -70,12 +70,35 @@ def test_nothing_but_commands_imports_commands() -> None:
     assert not [path for path in files if any(name.startswith("nilbs.app") for name in imported(path))]
 
 
+COPYLEFT = ("pymeshlab", "igl.copyleft", "triangle", "tetgen")
+
+
+def copyleft(path: Path) -> set[str]:
+    """Libraries of `COPYLEFT` that a file imports or reaches through another."""
+    named = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            named |= {name.name for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            named |= {f"{node.module}.{name.name}" for name in node.names}
+        elif isinstance(node, ast.Attribute):
+            named.add(ast.unparse(node))
+    return {library for library in COPYLEFT if any(f"{name}.".startswith(f"{library}.") for name in named)}
+
+
 def test_what_is_copyleft_is_imported_in_its_folder_only() -> None:
-    root = Path(nilbs.__file__).parent
-    for path in root.rglob("*.py"):
-        text = path.read_text()
-        there = "import pymeshlab" in text or "igl.copyleft import" in text or "import triangle" in text
-        assert not there or path.parent.name == "copyleft", path
+    found = {path: copyleft(path) for path in Path(nilbs.__file__).parent.rglob("*.py")}
+    assert {library for libraries in found.values() for library in libraries} == {"pymeshlab", "igl.copyleft"}
+    assert {path.parent.name for path, libraries in found.items() if libraries} == {"copyleft"}
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["import pymeshlab as ml", "from pymeshlab import MeshSet", "from igl import copyleft", "igl.copyleft.tetgen.f()"],
+)
+def test_copyleft_in_any_form_is_seen(line: str, tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text(f"{line}\n")
+    assert copyleft(tmp_path / "a.py")
 
 
 def test_names_are_loaded_when_they_are_asked_for() -> None:

@@ -162,11 +162,13 @@ def test_notes_of_readers_are_told_with_their_file(said):
         ("cubes.obj", "cubes.obj", r"cubes\.obj: the file holds no rig"),
         ("cubes.obj", "all.npz", r"all\.npz: the file holds weights of vertices and no mesh or rig"),
         ("all.npz", "rig.txt", r"all\.npz: the file holds weights of vertices and no mesh or rig"),
+        ("curve.obj", "rig.txt", r"curve\.obj: the file holds a curve of edges: a character's mesh is of triangles"),
         ("flat.obj", "rig.txt", r"flat\.obj with .*rig\.txt: the mesh is flat \(z = 0\) but joint"),
     ],
 )
 def test_files_that_do_not_make_a_character(folder, mesh, rig, message):
     write_mesh(folder / "flat.obj", [[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+    (folder / "curve.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\nl 2 3\nl 3 1\n")
     with pytest.raises(ValueError, match=message):
         read_rigged_mesh(folder / mesh, None if rig is None else folder / rig)
 

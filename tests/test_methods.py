@@ -64,10 +64,23 @@ def test_what_knows_no_distance_says_so(method: str, rivals, queries) -> None:
     x, pose = queries(model, 20)
     with pytest.raises(ValueError, match=r"knows no distance, only occupancy$"):
         model.distance(x, pose)
-    if method != "snarf":
-        with pytest.raises(ValueError, match=r"knows no rest images of posed points$"):
-            model.rest_points(x, pose)
     assert model.answer(*map(torch.as_tensor, (x, pose))).distance.isnan().all()
+
+
+@pytest.mark.parametrize("method", ["nasa", "mlp", "mesh-lbs"])
+def test_what_knows_no_rest_images_says_so(method: str, rivals, queries) -> None:
+    model = rivals[method, 2]
+    x, pose = queries(model, 20)
+    for ask in (model.rest_points, lambda x, pose: model.values(np.atleast_1d, x, pose)):
+        with pytest.raises(ValueError, match=r"knows no rest images of posed points$"):
+            ask(x, pose)
+
+
+def test_a_query_without_any_root_has_no_rest_image_and_is_outside(rivals) -> None:
+    model = rivals["snarf", 2]
+    pose, far = model.motion[0], model.character.V[:5] + 1000 * model.character.L
+    assert np.isnan(model.rest_points(far, pose)).all()
+    np.testing.assert_array_equal(model.values(lambda x_rest: x_rest[:, 0], far, pose, outside=-1.0), -1.0)
 
 
 def test_mesh_skinning_as_a_method_is_the_truth(rivals, queries) -> None:

@@ -55,6 +55,13 @@ def test_frames_count_from_zero() -> None:
             motion[k]
 
 
+def test_lists_become_arrays() -> None:
+    motion = Motion(counted(4).B.tolist(), range(3, 7), "lists")
+    assert motion.B.dtype == np.float64
+    assert motion.frames.dtype == np.int64
+    np.testing.assert_array_equal(motion.take(2).frames, [3, 6])
+
+
 @pytest.mark.parametrize(
     ("n", "expected"), [(1, [0]), (2, [0, 9]), (4, [0, 3, 6, 9]), (10, range(10)), (99, range(10))]
 )

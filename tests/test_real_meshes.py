@@ -111,7 +111,7 @@ def test_a_short_training_reconstructs_the_arm(arm: nilbs.Character) -> None:
     model = nilbs.fit(
         arm, motion, device="cpu", steps=400, width=48, points_per_pose=32, samples_per_frame=4000, cache_resolution=64
     )
-    scores = nilbs.evaluate(model, points=4000, resolution=32, poses=("seen", "unseen")).json()["poses"]
+    scores = nilbs.evaluate(model, points=4000, resolution=32, poses=("seen", "unseen")).values["poses"]
     for name in ("seen", "unseen"):
         assert scores[name]["iou_bbox"]["mean"] > 0.95
         assert scores[name]["iou_surface"]["mean"] > 0.8

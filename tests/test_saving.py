@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nilbs.geometry.kinematics import bone_parents, forward_kinematics, smooth_random_rotations
+from nilbs.geometry.kinematics import forward_kinematics, smooth_random_rotations
 from nilbs.geometry.plane import in_space
-from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
+from nilbs.geometry.skeleton import Skeleton, skeleton_of_bones, skeleton_of_joints
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.gingerbread import gingerbread
 from nilbs.io import FileFormatError, read_dmat, read_mesh, read_parts, read_transforms, read_weights
 from nilbs.io.parts import Clip, Mesh
 from nilbs.loading import read_rigged_mesh
+from nilbs.motion import Motion
 from nilbs.saving import clip_of, save_character, write_files
 
 CLOSE = 1e-5  # of the size
@@ -142,7 +143,7 @@ def test_tgf_keeps_the_parents_that_end_where_children_start(kind, roots, rng, t
 
 def test_tgf_keeps_joints_that_fit_as_they_are(tmp_path):
     _, _, C, BE = gingerbread(2)
-    skeleton = Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE))))
+    skeleton = skeleton_of_bones(C, BE)
     write_files([tmp_path / "a.tgf"], skeleton=skeleton)
     read = read_parts(tmp_path / "a.tgf").skeleton
     assert (in_space(np.asarray(C)) == read.C).all()
@@ -235,6 +236,21 @@ def test_a_full_disk_leaves_the_other_file_alone(parts, tmp_path):
         write_files([tmp_path / "a.obj", tmp_path / "a.ply"], mesh=parts["mesh"])
     assert caught.value.filename == str(tmp_path / "a.ply")
     assert os.listdir(tmp_path) == ["a.ply"]
+
+
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [
+        ("random, amplitude 0.4 rad", None),
+        ("walk.BVH", "walk"),
+        ("a.b.json", "a.b"),
+        ("hero.glb, run", None),
+    ],
+)
+def test_a_motion_is_called_by_its_file_or_by_what_made_it(source, name):
+    skeleton = skeleton_of_joints(np.zeros((1, 3)), [-1], ["root"])
+    motion = Motion(np.eye(4)[None, None], [0], source, skeleton=skeleton)
+    assert clip_of(motion, skeleton).name == (source if name is None else name)
 
 
 def test_paths_are_checked_before_anything_is_written(parts, tmp_path):

@@ -9,7 +9,7 @@ from nilbs.app.descriptions import outline
 from nilbs.character import in_dimension
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.rig_diagnosis import rig_report
-from nilbs.io.names import listed
+from nilbs.geometry.validation import listed
 from nilbs.weighting import check_rig_fits
 
 

@@ -44,19 +44,20 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.output import show
     from nilbs.io import check_suffix, check_writable
     from nilbs.motion import read_motion
-    from nilbs.saving import write_files
+    from nilbs.saving import check_outputs, write_files
 
     if args.write_map is not None:
         check_suffix(args.write_map, ".json")
         check_writable(args.write_map, inputs=[*args.inputs, *([] if args.map is None else [args.map])])
-    for path in args.output:
-        check_writable(path, inputs=args.inputs)
+    check_outputs(args.output, inputs=args.inputs)
     notes: list[str] = []
     mapped: list[str] = []
 
     def motion_for(path: str, skeleton: "Skeleton") -> "Motion":
         mapped.append(path)
         if args.write_map is not None:
+            if len(mapped) > 1:
+                raise ValueError(f"--write-map writes the map of one motion, and there are {' and '.join(mapped)}")
             _write_guess(args.write_map, path, args.clip, skeleton)
         return read_motion(path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append)
 
@@ -99,8 +100,11 @@ def _write_guess(map_path: str, motion_path: str, clip: str | None, skeleton: "S
     from nilbs.geometry.plane import skeleton_in_space
     from nilbs.geometry.retargeting import guess_bone_map
     from nilbs.io.bone_map import write_bone_map
+    from nilbs.io.registry import OWN_MOTIONS
     from nilbs.report import silent
 
+    if Path(motion_path).suffix.lower() in OWN_MOTIONS:
+        raise ValueError(f"--write-map: {motion_path} moves the rig's own bones, there is nothing to map")
     source = chosen_clip(Path(motion_path), clip, silent).skeleton
     try:
         guess = guess_bone_map(source, skeleton_in_space(skeleton))

@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     from time import perf_counter
 
     from nilbs.app.output import show
-    from nilbs.app.scoring import write_scores
+    from nilbs.app.scoring import SCORE_FILES, write_scores
     from nilbs.gingerbread import write_gingerbread
     from nilbs.io import check_writable, write_weights
     from nilbs.loading import load_character
@@ -46,7 +46,8 @@ def run(args: argparse.Namespace) -> None:
 
     out = Path(args.out)
     out.mkdir(parents=True, exist_ok=True)
-    check_writable(out / "scores.json")
+    for name in SCORE_FILES:
+        check_writable(out / name)
     mesh, rig = write_gingerbread(out, args.dim)
     character = load_character(mesh, rig, progress=True)
     weights = out / f"{mesh.stem}-weights.npz"
@@ -74,4 +75,4 @@ def run(args: argparse.Namespace) -> None:
     done("pictures")
     files = [mesh, rig, weights, path, *tables, *figures]
     table = "\n".join([str(scores), "", "written:", *(f"  {file}" for file in files)])
-    show(scores.json() | {"seconds": seconds, "files": files}, as_json=args.json, table=table)
+    show(scores.values | {"seconds": seconds, "files": files}, as_json=args.json, table=table)

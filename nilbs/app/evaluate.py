@@ -50,4 +50,4 @@ def run(args: argparse.Namespace) -> None:
     if args.out is not None:
         write_scores(scores, Path(args.out))
         write_figures(model, args.out, resolution=args.resolution)
-    show(scores.json(), as_json=args.json, table=str(scores))
+    show(scores.values, as_json=args.json, table=str(scores))

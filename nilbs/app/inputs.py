@@ -9,8 +9,8 @@ import numpy as np
 
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.validation import listed
 from nilbs.io.errors import FileFormatError
-from nilbs.io.names import listed
 from nilbs.io.parts import Clip, Mesh, Parts
 from nilbs.io.registry import MESHES, RIGS, kind_of, read_parts
 from nilbs.loading import fit_together, whole_or_group

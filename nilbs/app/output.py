@@ -1,9 +1,10 @@
 """What a command says on standard output: one JSON object, or a table for people."""
 
 import json
-import math
 from collections.abc import Mapping
 from typing import Any
+
+from nilbs.io.strict_json import plain
 
 
 def show(values: Mapping[str, Any], *, as_json: bool, table: str | None = None) -> None:
@@ -35,25 +36,6 @@ def show(values: Mapping[str, Any], *, as_json: bool, table: str | None = None) 
     except OSError as error:
         error.filename = "standard output"
         raise
-
-
-def plain(value: Any) -> Any:
-    """The same value in types that JSON knows; a number that is not finite is None.
-
-    Examples
-    --------
-    >>> plain({"a": (1, float("inf"))})
-    {'a': [1, None]}
-    """
-    if isinstance(value, Mapping):
-        return {str(name): plain(inner) for name, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(inner) for inner in value]
-    if hasattr(value, "tolist"):  # of numpy, which is not imported for this
-        return plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, str | int) else str(value)
 
 
 def rows(values: Mapping[str, Any], indent: str = "") -> str:

@@ -29,12 +29,12 @@ def write_scores(scores: "Scores", folder: Path) -> tuple[Path, Path]:
     OSError
         If they cannot be written.
     """
-    from nilbs.app.output import plain
     from nilbs.io import replacing
+    from nilbs.io.strict_json import plain
 
     for_programs, for_people = (folder / name for name in SCORE_FILES)
     with replacing(for_programs, "w") as file:
-        file.write(json.dumps(plain(scores.json()), indent=1, allow_nan=False) + "\n")
+        file.write(json.dumps(plain(scores.values), indent=1, allow_nan=False) + "\n")
     with replacing(for_people, "w") as file:
         file.write(f"{scores}\n")
     return for_programs, for_people

@@ -82,7 +82,13 @@ def run(args: argparse.Namespace) -> None:
 
     # Before the work: what would fail only after it.
     check_suffix(args.output, ".nilbs")
-    check_writable(args.output)
+    checkpoint = f"{args.output}.checkpoint"
+    for path in (args.output, checkpoint):
+        check_writable(path)
+    if Path(checkpoint).exists() and not args.resume:
+        raise ValueError(
+            f"{checkpoint} holds a training that was stopped: go on with --resume, or remove it to start anew"
+        )
     if args.motion is not None and args.amplitude is not None:
         raise ValueError("--amplitude is of random motion: it cannot stand beside --motion")
     check_motion_options(args)
@@ -98,7 +104,6 @@ def run(args: argparse.Namespace) -> None:
     device = torch_device(args.device)
     character = rigged.assemble(progress=True, report=tell)
     motion = _random_motion(args, character) if given is None else given
-    checkpoint = f"{args.output}.checkpoint"
     try:
         model = fit(
             character,

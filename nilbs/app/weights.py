@@ -26,7 +26,6 @@ def run(args: argparse.Namespace) -> None:
 
     from nilbs.app.output import rows, show
     from nilbs.app.poses import tell
-    from nilbs.geometry.orientation import coherent_orientation
     from nilbs.io import check_suffix, check_writable, write_weights
     from nilbs.loading import read_rigged_mesh
     from nilbs.weighting import solve_weights
@@ -44,7 +43,6 @@ def run(args: argparse.Namespace) -> None:
     V, E = rigged.V, rigged.E
     start = perf_counter()
     try:
-        E = coherent_orientation(V, E)[0] if V.shape[1] == 3 else E
         solved = solve_weights(V, E, rigged.skeleton, method=args.method, progress=True)
     except ValueError as error:
         raise ValueError(f"{rigged.files}: {error}") from error

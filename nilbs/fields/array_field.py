@@ -26,6 +26,8 @@ class ArrayField(Field):
         Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
     """
 
+    knows_distance = True
+    knows_rest_images = True
     like: Tensor  # empty: the type and the device of answers
 
     def __init__(self, V: np.ndarray, F: np.ndarray, W: np.ndarray) -> None:

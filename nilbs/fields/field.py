@@ -23,9 +23,13 @@ class Field(nn.Module):
     ----------
     piece : int
         Points that go through the networks together where a pose is asked.
+    knows_distance, knows_rest_images : bool
+        Whether answers hold more than occupancy: signed distances, and rest images where there are any.
     """
 
     piece: int = CACHED
+    knows_distance = False
+    knows_rest_images = False
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:
         """Logit of occupancy, differentiable by the parameters: what a training compares with the truth.

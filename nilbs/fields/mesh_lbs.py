@@ -51,6 +51,8 @@ class MeshLbsField(ArrayField):
         Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
     """
 
+    knows_rest_images = False
+
     def posed_arrays(self, B: np.ndarray) -> ArrayAnswers:
         """Signed distances to the mesh in a pose (b, d+1, d+1)."""
         U = linear_blend_skinning(self.V, self.W, B)

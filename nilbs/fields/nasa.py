@@ -37,7 +37,7 @@ class NasaField(Field):
     - What it is trained for is `OccupancyTerm` and `NasaWeightTerm`: occupancies are compared by cross-entropy, where
       the paper compares them by squared difference; the authors' code has one loss more, on the parts' size, that is
       not here.
-    - Matrices are trained by Muon (`Training`), as every network here.
+    - Matrices are trained by Muon (`train`), as every network here.
 
     Parameters
     ----------

@@ -47,6 +47,8 @@ class SearchField(Field):
         Where given, the search goes on its weights, and those on the grid only say which parts lie where.
     """
 
+    knows_distance = True
+    knows_rest_images = True
     body: Tensor  # nodes of the forward field in the body and just beyond its skin, the deepest first
 
     def __init__(

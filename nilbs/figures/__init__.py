@@ -5,8 +5,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from nilbs.figures.canvas import evenly_spaced
 from nilbs.figures.ghost import ghost_figure
 from nilbs.figures.notation import notation_figure
@@ -51,8 +49,6 @@ def write_figures(
     model: "Model",
     folder: str | Path,
     *,
-    poses: Mapping[str, np.ndarray] | None = None,
-    surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
     resolution: int = RESOLUTION,
 ) -> list[Path]:
     """Write all figures of a model as PNG: those of `figure_files`.
@@ -62,12 +58,8 @@ def write_figures(
     model : Model
     folder : path
         Made where it is missing.
-    poses : mapping of str to (b, d+1, d+1) float array, optional
-        Labels and poses of the reconstruction figure; three evenly spaced training frames where none are given.
-    surfaces : mapping of str to (U, F), optional
-        Reconstructed surfaces that are already at hand, by the labels of `poses`.
     resolution : int, optional
-        Cells along each edge of the grid that the other surfaces are extracted on.
+        Cells along each edge of the grid that surfaces are extracted on, in three evenly spaced training frames.
 
     Returns
     -------
@@ -82,13 +74,12 @@ def write_figures(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     motion = model.motion
-    if poses is None:
-        poses = {f"training frame {motion.frames[k]}": motion[k] for k in evenly_spaced(len(motion), 3)}
+    poses = {f"training frame {motion.frames[k]}": motion[k] for k in evenly_spaced(len(motion), 3)}
     drawn: Mapping[str, Callable[..., Path]] = {
         "notation.png": notation_figure,
         "weights.png": weights_figure,
         "ghost.png": ghost_figure,
         "training.png": training_figure,
-        "reconstruction.png": partial(reconstruction_figure, poses=poses, surfaces=surfaces, resolution=resolution),
+        "reconstruction.png": partial(reconstruction_figure, poses=poses, resolution=resolution),
     }
     return [drawn[name](model, folder / name) for name in figure_files(model)]

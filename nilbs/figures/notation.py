@@ -16,16 +16,14 @@ if TYPE_CHECKING:
     from nilbs.model import Model
 
 
-def notation_figure(model: "Model", path: str | Path, *, columns: int = 3) -> Path:
-    """Draw what a model is trained on: the character at rest and a few posed frames.
+def notation_figure(model: "Model", path: str | Path) -> Path:
+    """Draw what a model is trained on: the character at rest and three evenly spaced training frames.
 
     Parameters
     ----------
     model : Model
     path : path
         The PNG to write.
-    columns : int, optional
-        Number of training frames, evenly spaced.
 
     Returns
     -------
@@ -43,7 +41,7 @@ def notation_figure(model: "Model", path: str | Path, *, columns: int = 3) -> Pa
     """
     character, motion = model.character, model.motion
     rest = np.broadcast_to(np.eye(character.d + 1), motion[0].shape)
-    shown = evenly_spaced(len(motion), columns)
+    shown = evenly_spaced(len(motion), 3)
     poses = [("rest", rest), *[(f"training frame {motion.frames[k]}", motion[k]) for k in shown]]
     posed = [linear_blend_skinning(character.V, character.W, B) for _, B in poses]
 

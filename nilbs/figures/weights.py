@@ -17,22 +17,18 @@ if TYPE_CHECKING:
     from nilbs.model import Model
 
 
-def weights_figure(
-    model: "Model", path: str | Path, *, pose: np.ndarray | None = None, label: str = "posed", columns: int = 4
-) -> Path:
-    """Draw a few channels of the network's weights, top at rest, bottom in a pose.
+# Bones that are drawn, those that move most of the surface; the ghost channel comes on top.
+COLUMNS = 4
+
+
+def weights_figure(model: "Model", path: str | Path) -> Path:
+    """Draw a few channels of the network's weights, top at rest, bottom in the middle frame of the training motion.
 
     Parameters
     ----------
     model : Model
     path : path
         The PNG to write.
-    pose : (b, d+1, d+1) float array, optional
-        The pose below; the middle frame of the training motion where none is given.
-    label : str, optional
-        What to call that pose.
-    columns : int, optional
-        Number of bones, those that move most of the surface; the ghost channel comes on top.
 
     Returns
     -------
@@ -44,10 +40,9 @@ def weights_figure(
         If the file cannot be written.
     """
     character, motion = model.character, model.motion
-    if pose is None:
-        middle = len(motion) // 2
-        pose, label = motion[middle], f"training frame {motion.frames[middle]}"
-    bones = np.sort(np.argsort(-character.W.sum(axis=0), kind="stable")[:columns])
+    middle = len(motion) // 2
+    pose, label = motion[middle], f"training frame {motion.frames[middle]}"
+    bones = np.sort(np.argsort(-character.W.sum(axis=0), kind="stable")[:COLUMNS])
     channels = [*bones.tolist(), len(character.names)]
 
     figure, panels = sheet(2, len(channels), title=f"{character.name}: channels of the weight network", beside=1.0)

@@ -4,11 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nilbs.geometry.facets import components
+from nilbs.geometry.facets import components, facet_areas, facet_normals
 from nilbs.geometry.intersections import degenerate_facets, self_intersections, t_junctions
 from nilbs.geometry.occupancy import winding_number
 from nilbs.geometry.topology import Ridges, group_labels, ridges
 from nilbs.geometry.validation import arrays, check_indices
+
+# In sizes of a facet: so close beside it that little lies between.
+_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -262,11 +265,13 @@ def _inside_out(V: np.ndarray, F: np.ndarray, meeting: Ridges) -> np.ndarray:
     sound[piece[first[~alike]]] = False
     sound[piece[(meeting.count[meeting.ridge] != 2).any(axis=1)]] = False
     negative = np.bincount(piece, _wedges(V, F), minlength=m) < 0
-    found = []
-    for label in np.flatnonzero(negative & sound):
-        mine = piece == label
-        facet = int(np.flatnonzero(mine)[0])
-        around = winding_number(V, F[~mine], V[F[facet]].mean(axis=0)[None])[0]
-        if around < 0.5:
-            found.append(facet)
-    return np.array(found, dtype=np.int64)
+    # The largest facet of each such piece; a step off it, away from what it encloses, tells what else is around it.
+    area = facet_areas(V, F)
+    order = np.lexsort((area, piece))
+    last = np.append(np.diff(piece[order]) != 0, True)
+    facet = order[last & (negative & sound)[piece[order]]]
+    if not len(facet):
+        return facet
+    step = _STEP * area[facet] ** (1 / (V.shape[1] - 1))
+    beside = V[F[facet]].mean(axis=1) - step[:, None] * facet_normals(V, F[facet])
+    return np.sort(facet[winding_number(V, F, beside) < 0.5])

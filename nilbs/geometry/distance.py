@@ -3,6 +3,7 @@
 import numpy as np
 
 from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.validation import arrays, check_indices
 
 
@@ -49,8 +50,7 @@ def closest_points(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> tuple[np.ndar
     import igl
 
     # libigl's tree asks for three coordinates; edges in the plane z = 0 keep their distances.
-    lifted = [np.pad(a, ((0, 0), (0, 3 - V.shape[1]))) for a in (x, V)]
-    squared, facet, point = igl.point_mesh_squared_distance(*lifted, np.ascontiguousarray(F))
+    squared, facet, point = igl.point_mesh_squared_distance(in_space(x), in_space(V), np.ascontiguousarray(F))
     return np.sqrt(squared), facet.astype(np.int64), np.ascontiguousarray(point[:, : V.shape[1]])
 
 

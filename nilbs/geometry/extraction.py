@@ -35,6 +35,15 @@ def field_surface(
         Vertices, in mesh units.
     F : (m, d) int array
         Facets, oriented outward.
+
+    Examples
+    --------
+    >>> def disk(x):
+    ...     distance = np.linalg.norm(x, axis=1) - 1
+    ...     return distance, distance
+    >>> U, F = field_surface(disk, Grid.cube([[-1, -1], [1, 1]], 32))
+    >>> np.linalg.norm(U, axis=1).round(2).min(), len(U) == len(F)
+    (np.float64(1.0), True)
     """
     levels, _ = node_levels(values, grid, stride=stride)
     return isosurface(levels, grid)
@@ -55,6 +64,15 @@ def node_levels(
     levels : array of shape grid.shape
     asked : int
         At how many nodes the field was asked.
+
+    Examples
+    --------
+    >>> def disk(x):
+    ...     distance = np.linalg.norm(x, axis=1) - 1
+    ...     return distance, distance
+    >>> levels, asked = node_levels(disk, Grid.cube([[-1, -1], [1, 1]], 64), stride=8)
+    >>> levels.shape, asked < levels.size
+    ((65, 65), True)
     """
     shape = np.array(grid.shape)
     blocks = -(-(shape - 1) // stride)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.validation import arrays
+from nilbs.geometry.validation import arrays, listed
 
 
 @dataclass(frozen=True)
@@ -175,13 +175,12 @@ def bone_conditions(
     return BoneConditions(fixed, W_fixed, np.flatnonzero(without & ~away), np.flatnonzero(away))
 
 
-def described(bones: Sequence[int] | np.ndarray, names: Sequence[str], *, most: int = 5) -> str:
-    """Names of bones for a sentence: the first few, and how many more.
+def described(bones: Sequence[int] | np.ndarray, names: Sequence[str]) -> str:
+    """Names of bones for a sentence: the first few, and how many more there are.
 
     Examples
     --------
     >>> described([0, 2], ["hip", "knee", "toe"])
     'hip, toe'
     """
-    listed = ", ".join(names[bone] for bone in bones[:most])
-    return listed + (f" and {len(bones) - most} more" if len(bones) > most else "")
+    return listed([names[bone] for bone in bones])

@@ -27,6 +27,29 @@ def in_space(x: np.ndarray) -> np.ndarray:
     return np.pad(x, ((0, 0), (0, 3 - x.shape[1])))
 
 
+def counter_clockwise(V: np.ndarray, E: np.ndarray) -> np.ndarray:
+    """Flat triangles, those that run clockwise turned.
+
+    Parameters
+    ----------
+    V : (n, 2) float array
+    E : (m, 3) int array
+
+    Returns
+    -------
+    E : (m, 3) int array
+
+    Examples
+    --------
+    >>> counter_clockwise(np.array([[0.0, 0], [1, 0], [0, 1]]), np.array([[0, 1, 2], [0, 2, 1]])).tolist()
+    [[0, 1, 2], [0, 1, 2]]
+    """
+    V = V / (np.abs(V).max(initial=0) or 1.0)  # so that no product overflows
+    a, b = V[E[:, 1]] - V[E[:, 0]], V[E[:, 2]] - V[E[:, 0]]
+    clockwise = a[:, 0] * b[:, 1] < a[:, 1] * b[:, 0]
+    return np.where(clockwise[:, None], E[:, [0, 2, 1]], E)
+
+
 def skeleton_in_space(skeleton: Skeleton) -> Skeleton:
     """Skeleton in three dimensions.
 

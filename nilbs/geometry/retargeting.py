@@ -10,7 +10,7 @@ from nilbs.geometry.bone_names import matching_bones
 from nilbs.geometry.kinematics import bone_order, forward_kinematics
 from nilbs.geometry.rotations import nearest_rotations, rotation_vectors, transform_points
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.validation import arrays
+from nilbs.geometry.validation import arrays, listed
 
 # A bone is a limb where all that hangs from it lies in this cone, and it is long enough that its direction tells the
 # pose, and not where in the flesh somebody put the joints.
@@ -179,7 +179,7 @@ def guess_bone_map(source: Skeleton, target: Skeleton) -> dict[str, str]:
     if not pairs:
         raise ValueError(
             f"the names do not tell which bone of the motion moves which of the character: the motion moves "
-            f"{_listed(source.names)}, the character has {_listed(target.names)}. Say which belong together in a bone "
+            f"{listed(source.names)}, the character has {listed(target.names)}. Say which belong together in a bone "
             f'map, a JSON file such as {{"{target.names[0]}": "{source.names[0]}"}}'
         )
     return {target.names[bone]: source.names[led] for bone, led in pairs.items()}
@@ -391,7 +391,3 @@ def _way_from_root(skeleton: Skeleton) -> np.ndarray:
 def _ancestors(P: np.ndarray, bone: int) -> Iterator[int]:
     while (bone := int(P[bone])) >= 0:
         yield bone
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

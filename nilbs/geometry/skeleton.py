@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nilbs.geometry.kinematics import bone_order
+from nilbs.geometry.kinematics import bone_order, bone_parents
 from nilbs.geometry.validation import arrays, check_indices
 
 
@@ -86,6 +86,35 @@ class Skeleton:
         """
         forked = np.stack([self.BE[self.forks[:, 0], 0], self.forks[:, 1]], axis=1)
         return np.concatenate([self.BE, forked]), np.concatenate([np.arange(len(self.BE)), self.forks[:, 0]])
+
+
+def skeleton_of_bones(C: np.ndarray, BE: np.ndarray) -> Skeleton:
+    """Skeleton of a rig without names or parents, as TGF files hold them.
+
+    Parameters
+    ----------
+    C : (k, d) float array
+        Joints.
+    BE : (b, 2) int array
+        Bones; one follows another where it begins at the other's end.
+
+    Returns
+    -------
+    skeleton : Skeleton
+        Bones are called bone0, bone1, ...
+
+    Raises
+    ------
+    ValueError
+        As `Skeleton` and `nilbs.geometry.kinematics.bone_parents`.
+
+    Examples
+    --------
+    >>> s = skeleton_of_bones([[0, 0], [1, 0], [2, 0]], [[0, 1], [1, 2]])
+    >>> s.names, s.P.tolist()
+    (('bone0', 'bone1'), [-1, 0])
+    """
+    return Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE))))
 
 
 def skeleton_of_joints(

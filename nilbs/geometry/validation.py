@@ -1,6 +1,7 @@
 """One check of array arguments, with one wording of what is wrong."""
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -47,6 +48,18 @@ def check_indices(name: str, indices: np.ndarray, size: int, of: str) -> None:
     bad = np.flatnonzero(((indices < 0) | (indices >= size)).any(axis=tuple(range(1, indices.ndim))))
     if len(bad):
         raise ValueError(f"{name}[{bad[0]}] = {indices[bad[0]].tolist()} does not index the {size} {of}")
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words for a sentence: the first five, and how many more there are.
+
+    Examples
+    --------
+    >>> listed(["a", "b"]), listed(["a", "b", "c", "d", "e", "f", "g"])
+    ('a, b', 'a, b, c, d, e and 2 more')
+    """
+    more = f" and {len(words) - 5} more" if len(words) > 5 else ""
+    return ", ".join(words[:5]) + more
 
 
 def _array(name: str, value: object, letters: str, kind: type = float, *, sizes: dict[str, int]) -> np.ndarray:

@@ -100,7 +100,8 @@ def _convert(path: str | os.PathLike, blender: str, folder: Path) -> None:
     (folder / "convert.py").write_text(_SCRIPT)
     options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "3"]
     files = [os.path.abspath(path), os.fspath(folder / "copy.glb")]
-    command = [blender, *options, "--python", os.fspath(folder / "convert.py"), "--", *files]
+    program = os.path.abspath(blender) if os.path.dirname(blender) else blender  # it is started in another folder
+    command = [program, *options, "--python", os.fspath(folder / "convert.py"), "--", *files]
     with open(folder / "log", "w+b") as log:
         try:
             done = subprocess.run(

@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.rotations import transform_points
 from nilbs.io.gltf_animation import clips, read_animations
 from nilbs.io.gltf_document import Document
@@ -82,7 +83,7 @@ def _posed(nodes: Nodes, rig: Rig, mesh: Mesh | None) -> bool:
     """Whether the pose in which the nodes stand differs from the rest pose."""
     if rig.skeleton is None:
         return False
-    points = rig.rest[:, :3, 3] if mesh is None else np.pad(mesh.V, ((0, 0), (0, 3 - mesh.V.shape[1])))
+    points = rig.rest[:, :3, 3] if mesh is None else in_space(mesh.V)
     box = np.stack([points.min(axis=0), points.max(axis=0)])
     B = nodes.world[list(rig.bone)] @ rig.inverse
     return bool(np.abs(transform_points(B[:, None], box) - box).max() > _CLOSE * np.ptp(box, axis=0).max())

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from nilbs.geometry.plane import counter_clockwise
 from nilbs.geometry.rotations import transform_points
 from nilbs.io.gltf_document import Document
 from nilbs.io.gltf_nodes import Nodes
@@ -200,7 +201,4 @@ def _mesh(V: np.ndarray, E: np.ndarray, groups: dict[str, np.ndarray]) -> Mesh:
     if V[:, 2].any():
         return Mesh(V, E, groups)
     V = V[:, :2].copy()
-    a, b = V[E[:, 1]] - V[E[:, 0]], V[E[:, 2]] - V[E[:, 0]]
-    clockwise = a[:, 0] * b[:, 1] < a[:, 1] * b[:, 0]
-    E[clockwise] = E[clockwise][:, ::-1]
-    return Mesh(V, E, groups)
+    return Mesh(V, counter_clockwise(V, E), groups)

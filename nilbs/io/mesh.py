@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from nilbs.geometry.plane import counter_clockwise
 from nilbs.geometry.polygons import cut_polygons
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
@@ -116,8 +117,7 @@ def read_mesh_parts(path: str | os.PathLike) -> Mesh:
             path, "the file holds no face" + " with three different corners" * bool(len(faces.counts))
         )
     if flat:
-        turned = _turns(V, F) < 0
-        F[turned] = F[turned][:, [0, 2, 1]]
+        F = counter_clockwise(V, F)
     notes = []
     few = len(faces.counts) - len(np.unique(face))
     if few:
@@ -178,13 +178,6 @@ def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
                 file.write(faces.tobytes())
             else:
                 file.write(F.astype("<i4").tobytes())
-
-
-def _turns(V: np.ndarray, T: np.ndarray) -> np.ndarray:
-    """The signed areas of flat triangles, scaled: positive where they run counter-clockwise."""
-    V = V / (np.abs(V).max() or 1.0)  # so that no product overflows
-    a, b = V[T[:, 1]] - V[T[:, 0]], V[T[:, 2]] - V[T[:, 0]]
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _groups_of_triangles(file: MeshFile, face: np.ndarray) -> dict[str, np.ndarray]:

@@ -1,7 +1,9 @@
 """Names in files: of any bytes, each different, and as a file can hold them."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+
+from nilbs.geometry.validation import listed
 
 
 def text_of(word: bytes) -> str:
@@ -91,15 +93,3 @@ def written_names(names: Iterable[str], unfit: str) -> tuple[tuple[str, ...], tu
     written, _ = unique_names(re.sub(rf"(?:{unfit}|[\0\ud800-\udfff])+", "_", name) or "_" for name in given)
     changed = [f"{old[:60]!r} became {new[:60]!r}" for old, new in zip(given, written, strict=True) if old != new]
     return written, (f"names that the file cannot hold were changed: {listed(changed)}",) if changed else ()
-
-
-def listed(words: Sequence[str]) -> str:
-    """A list for a sentence: the first five, and how many more there are.
-
-    Examples
-    --------
-    >>> listed(["a", "b"]), listed(["a", "b", "c", "d", "e", "f", "g"])
-    ('a, b', 'a, b, c, d, e and 2 more')
-    """
-    more = f" and {len(words) - 5} more" if len(words) > 5 else ""
-    return ", ".join(words[:5]) + more

@@ -7,12 +7,12 @@ import re
 import numpy as np
 
 from nilbs.io.atomic import replacing
-from nilbs.io.bounded import file_bytes
+from nilbs.io.bounded import SIZE_LIMIT, file_bytes
 from nilbs.io.errors import FileFormatError, check_suffix
 
 _NPY_HEADER = re.compile(
     r"\{'descr': '([<>|][fiu][1248])', 'fortran_order': (True|False), "
-    r"'shape': \((\d{1,18}(?:, ?\d{1,18})*),?\),? *\}\s*"
+    r"'shape': \((\d{1,18}(?:, ?\d{1,18}){0,7}),?\),? *\}\s*"
 )
 
 
@@ -27,7 +27,7 @@ def read_npy(path: str | os.PathLike) -> np.ndarray:
     Returns
     -------
     A : float array
-        Of any shape but that of a single number.
+        Of one to eight dimensions.
 
     Raises
     ------
@@ -93,12 +93,12 @@ def npy_array(path: str | os.PathLike, data: bytes, name: str) -> np.ndarray:
     Returns
     -------
     A : float array
-        Of any shape.
+        Of one to eight dimensions.
 
     Raises
     ------
     FileFormatError
-        If the bytes are not one array of finite numbers.
+        If the bytes are not one array of finite numbers, or these take more than 2 GiB in double precision.
 
     References
     ----------
@@ -119,6 +119,8 @@ def npy_array(path: str | os.PathLike, data: bytes, name: str) -> np.ndarray:
     shape = tuple(int(size) for size in header[3].split(","))
     if math.prod(shape) * kind.itemsize != len(data) - end:
         raise FileFormatError(path, f"{name} claims the shape {shape}, but holds {len(data) - end} bytes")
+    if math.prod(shape) * 8 > SIZE_LIMIT:
+        raise FileFormatError(path, f"{name} holds {math.prod(shape)} numbers, more than {SIZE_LIMIT // 8}")
     with np.errstate(invalid="ignore"):  # a signalling NaN is reported below
         A = np.frombuffer(data, kind, offset=end).astype(np.float64)
     if not np.isfinite(A).all():

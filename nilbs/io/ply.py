@@ -158,23 +158,27 @@ def _uneven_rows(
     path: str | os.PathLike, element: _Element, data: bytes, start: int, order: str
 ) -> tuple[dict[str, np.ndarray], int]:
     """The same row by row, for lists of different lengths."""
-    parts: dict[str, list[np.ndarray]] = {}
-    for p in element.properties:
-        parts[p.name] = [np.zeros(0, p.type)]
-        if p.count:
-            parts[f"{p.name} count"] = [np.zeros(0, np.int64)]
-    for row in range(element.size):
-        for p in element.properties:
-            size = 1
+    steps = [(p, np.dtype(p.type).itemsize) for p in element.properties]
+    columns: dict[str, list[np.ndarray]] = {}
+    for first in range(0, element.size, _ROWS):
+        values: dict[str, list[bytes]] = {p.name: [] for p, _ in steps}
+        counts: dict[str, list[int]] = {p.name: [] for p, _ in steps}
+        for row in range(first, min(first + _ROWS, element.size)):
+            for p, width in steps:
+                size = 1
+                if p.count:
+                    size, start = _list_size(path, element, p, data, start, order, row)
+                    counts[p.name].append(size)
+                stop = start + size * width
+                if stop > len(data):
+                    raise FileFormatError(path, f"the file ends within row {row} of {element.size} of {element.name}")
+                values[p.name].append(data[start:stop])
+                start = stop
+        for p, _ in steps:
+            columns.setdefault(p.name, []).append(np.frombuffer(b"".join(values[p.name]), order + p.type))
             if p.count:
-                size, start = _list_size(path, element, p, data, start, order, row)
-                parts[f"{p.name} count"].append(np.array([size]))
-            stop = start + size * np.dtype(p.type).itemsize
-            if stop > len(data):
-                raise FileFormatError(path, f"the file ends within row {row} of {element.size} of {element.name}")
-            parts[p.name].append(np.frombuffer(data, order + p.type, count=size, offset=start))
-            start = stop
-    return {name: np.concatenate(part) for name, part in parts.items()}, start
+                columns.setdefault(f"{p.name} count", []).append(np.array(counts[p.name], p.count))
+    return {name: np.concatenate(parts) for name, parts in columns.items()}, start
 
 
 def _first_counts(path: str | os.PathLike, element: _Element, data: bytes, start: int, order: str) -> dict[str, int]:
@@ -194,13 +198,14 @@ def _first_counts(path: str | os.PathLike, element: _Element, data: bytes, start
 def _list_size(
     path: str | os.PathLike, element: _Element, p: _Property, data: bytes, start: int, order: str, row: int
 ) -> tuple[int, int]:
-    kind = np.dtype(order + (p.count or ""))
-    if start + kind.itemsize > len(data):
+    kind = p.count or ""  # such as "u1"
+    stop = start + int(kind[1])
+    if stop > len(data):
         raise FileFormatError(path, f"the file ends within row {row} of {element.size} of {element.name}")
-    size = int(np.frombuffer(data, kind, count=1, offset=start)[0])
+    size = int.from_bytes(data[start:stop], "little" if order == "<" else "big", signed=kind[0] == "i")
     if not 0 <= size <= len(data):
         raise FileFormatError(path, f"row {row} of {element.name} has a list of {size} values")
-    return size, start + kind.itemsize
+    return size, stop
 
 
 def _table(element: _Element, counts: dict[str, int], order: str) -> np.dtype:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nilbs.geometry.kinematics import bone_parents
-from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.skeleton import skeleton_of_bones
 from nilbs.io.dmat import read_dmat
 from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.npz import NpzFile
@@ -17,7 +16,8 @@ MESHES = (".obj", ".ply", ".off", ".stl")
 RIGS = (".tgf", ".txt", ".mhskel")
 WHOLE = (".glb", ".gltf", ".fbx")  # mesh, skeleton, painted weights and motions in one file
 WEIGHTS = (".dmat", ".npz", ".mhw")
-MOTIONS = (".dmat", ".json", ".bvh", *WHOLE)
+OWN_MOTIONS = (".dmat", ".json")  # of the character's own bones, which the file does not describe
+MOTIONS = (*OWN_MOTIONS, ".bvh", *WHOLE)
 READABLE = tuple(dict.fromkeys(MESHES + RIGS + WHOLE + WEIGHTS + MOTIONS))
 WRITABLE = (".obj", ".ply", ".glb", ".gltf", ".txt", ".tgf", ".dmat", ".npz", ".bvh")
 
@@ -117,7 +117,7 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
         return Parts(mesh=mesh, notes=mesh.notes)
     if suffix == ".tgf":
         C, BE = read_tgf(path)
-        return Parts(skeleton=Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE)))))
+        return Parts(skeleton=skeleton_of_bones(C, BE))
     if suffix == ".mhskel":
         return _read_makehuman(path, V)
     if suffix in (".glb", ".gltf"):

@@ -6,12 +6,12 @@ import re
 import numpy as np
 
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.validation import arrays
+from nilbs.geometry.validation import arrays, listed
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
 from nilbs.io.joints import first_joints, joint_in_circle, skeleton_with_ends, written_ends
-from nilbs.io.names import listed, text_of, unique_names, written_names
+from nilbs.io.names import text_of, unique_names, written_names
 from nilbs.io.parts import Influences, Parts
 from nilbs.io.words import finite_numbers
 

@@ -1,7 +1,10 @@
 """JSON without its surprises: no names given twice, no NaN, no endless nesting."""
 
 import json
+import math
 import os
+from collections.abc import Mapping
+from typing import Any
 
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
@@ -85,6 +88,25 @@ def finite_vector(value: object, *sizes: int) -> list[float] | None:
         float(x) for x in values if isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= _LARGEST
     ]
     return numbers if len(numbers) == len(values) else None
+
+
+def plain(value: Any) -> Any:
+    """The same value in types that JSON knows; a number that is not finite is None.
+
+    Examples
+    --------
+    >>> plain({"a": (1, float("inf"))})
+    {'a': [1, None]}
+    """
+    if isinstance(value, Mapping):
+        return {str(name): plain(inner) for name, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if hasattr(value, "tolist"):  # of numpy
+        return plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, str | int) else str(value)
 
 
 def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:

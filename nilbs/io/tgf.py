@@ -7,11 +7,10 @@ import numpy as np
 
 from nilbs.geometry.kinematics import bone_parents
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays, check_indices, listed
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
-from nilbs.io.names import listed
 from nilbs.io.words import finite_numbers
 
 _INDEX = re.compile(rb"\d{1,9}")

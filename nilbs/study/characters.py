@@ -133,7 +133,7 @@ def prepared(name: str, folder: Path, data: Path | None, *, report: Report = sil
     ValueError, OSError
         As `nilbs.load_character`.
     """
-    from nilbs.character import Character
+    from nilbs.character import ARRAYS, Character
     from nilbs.io.archive import read_archive, write_archive
     from nilbs.io.errors import FileFormatError
 
@@ -145,11 +145,11 @@ def prepared(name: str, folder: Path, data: Path | None, *, report: Report = sil
             if text.get("made_of") == digest:
                 return Character(name=name, names=tuple(map(str, text["bones"])), **arrays)
     character = _loaded(source, data, report)
-    names = ("V", "F", "C", "BE", "P", "W", "V_volume", "T", "W_volume")
+    arrays = {array: getattr(character, array) for array in ARRAYS}
     text = {"made_of": digest, "bones": list(character.names)}
     folder.mkdir(parents=True, exist_ok=True)
-    write_archive(path, {array: getattr(character, array) for array in names}, text, kind=KIND)
-    return Character(name=name, names=character.names, **{array: getattr(character, array) for array in names})
+    write_archive(path, arrays, text, kind=KIND)
+    return Character(name=name, names=character.names, **arrays)
 
 
 def motion_of(name: str, character: "Character", data: Path | None, *, frames: int, seed: int) -> "Motion":

@@ -26,10 +26,10 @@ from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import Section, View
 from nilbs.geometry.diagnosis import enclosed_volume
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.kinematics import bone_parents, forward_kinematics
+from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.metrics import intersection_over_union
 from nilbs.geometry.occupancy import occupancy, winding_number
-from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.skeleton import skeleton_of_bones
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.settings import RESOLUTION
 from nilbs.study.twist import EDGES_AROUND, twist_model, twist_motion
@@ -131,7 +131,7 @@ def gingerbread_man() -> "Character":
     from nilbs.gingerbread import gingerbread
 
     V, E, C, BE = gingerbread(2)
-    return assemble(V, E, _skeleton(C, BE), name="gingerbread")
+    return assemble(V, E, skeleton_of_bones(C, BE), name="gingerbread")
 
 
 def finned_bar() -> "Character":
@@ -166,7 +166,8 @@ def finned_bar() -> "Character":
     V = V[used]
     V[:, 0] += SLANT * np.clip(V[:, 1], 0, None)
     C = np.array([[-0.45, -BAR_HEIGHT / 2], [0.0, -BAR_HEIGHT / 2], [0.45, -BAR_HEIGHT / 2]])
-    return assemble(V, E.reshape(-1, 3), _skeleton(C, np.array([[0, 1], [1, 2]])), _bar_weights(V), name="finned bar")
+    skeleton = skeleton_of_bones(C, np.array([[0, 1], [1, 2]]))
+    return assemble(V, E.reshape(-1, 3), skeleton, _bar_weights(V), name="finned bar")
 
 
 def _fin_base(fin: int) -> tuple[float, float]:
@@ -180,10 +181,6 @@ def _bar_weights(x_rest: np.ndarray) -> np.ndarray:
     s = np.clip(0.5 + x_rest[:, 0] / 0.3, 0, 1)
     right = s * s * (3 - 2 * s)
     return np.column_stack([1 - right, right])
-
-
-def _skeleton(C: np.ndarray, BE: np.ndarray) -> Skeleton:
-    return Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE))))
 
 
 def _turned(character: "Character", bone: int, degrees: np.ndarray) -> "Motion":

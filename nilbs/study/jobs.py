@@ -140,5 +140,10 @@ class Builder:
         self._entries.append(entry)
 
     def plan(self) -> Plan:
-        """What was collected."""
-        return Plan(tuple(self._jobs.values()), tuple(self._entries), tuple(self.missing))
+        """What was collected; what reads a model comes right after its training."""
+        followers: dict[str | None, list[Job]] = {}
+        for job in self._jobs.values():
+            followers.setdefault(job.needs, []).append(job)
+        # A study that is stopped then has few models left that something still needs.
+        jobs = [job for first in followers.get(None, []) for job in (first, *followers.get(first.key, []))]
+        return Plan(tuple(jobs), tuple(self._entries), tuple(self.missing))

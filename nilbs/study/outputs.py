@@ -15,13 +15,14 @@ from typing import Any
 
 import nilbs
 from nilbs.io.atomic import replacing
+from nilbs.io.strict_json import plain
 from nilbs.study import results
 from nilbs.study.characters import SOURCES
 from nilbs.study.curves import sweep_curves, twist_curve
 from nilbs.study.jobs import FAILURES, TWIST, Plan
 from nilbs.study.pages import Page, Picture, html, markdown
 from nilbs.study.scale import Scale
-from nilbs.study.store import Store, finite
+from nilbs.study.store import Store
 from nilbs.study.tables import study_tables
 
 FILES = ("study.json", "scores.csv", "study.md", "study.html")
@@ -69,7 +70,7 @@ def write_outputs(
     failed, unfinished = results.failed(plan, store), results.unfinished(plan, store)
     machine = machine_facts() | {"jobs_at_once": lanes, "threads": threads}
     minutes = results.wall_minutes(plan, store)
-    values = finite(
+    values = plain(
         {
             "schema": 1,
             "command": list(command),

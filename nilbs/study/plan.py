@@ -36,7 +36,7 @@ _ALL_SURFACES = ("elephant", "gingerbread-2d")
 
 
 def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
-    """All jobs of the study, in the order of `PARTS`.
+    """All jobs of the study: trainings in the order of `PARTS`, what is asked of each model right after it.
 
     Parameters
     ----------

@@ -63,6 +63,8 @@ class Worker:
         if self._stopped:
             raise Stopped
         process = self._process or self._start()
+        if self._stopped:  # meanwhile, by another thread, which found no process yet
+            _kill(process)
         assert process.stdin is not None
         assert process.stdout is not None
         data = None if self._data is None else str(self._data)

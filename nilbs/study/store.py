@@ -9,7 +9,7 @@ from typing import Any
 
 from nilbs.io.atomic import PART, replacing
 from nilbs.io.errors import FileFormatError
-from nilbs.io.strict_json import read_json
+from nilbs.io.strict_json import plain, read_json
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Job, Plan
 
 FOLDERS = ("models", "results", "failed", "characters", "pictures")
@@ -119,7 +119,7 @@ class Store:
     @staticmethod
     def _write(path: Path, job: Job, result: Mapping[str, Any]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        contents = {"key": job.key, "kind": job.kind, "spec": job.spec, "result": finite(result)}
+        contents = {"key": job.key, "kind": job.kind, "spec": job.spec, "result": plain(result)}
         with replacing(path, "w") as file:
             file.write(json.dumps(contents, indent=1, allow_nan=False) + "\n")
 
@@ -144,22 +144,3 @@ _CONTENTS: Mapping[str, Mapping[str, Any]] = {
     TWIST: {"table": list, "wall_seconds": _NUMBER},
     FAILURES: {"pictures": list, "wall_seconds": _NUMBER},
 }
-
-
-def finite(value: Any) -> Any:
-    """The same value in types that JSON knows; a number that is not finite is None.
-
-    Examples
-    --------
-    >>> finite({"a": (1, float("inf"))})
-    {'a': [1, None]}
-    """
-    if isinstance(value, Mapping):
-        return {str(name): finite(inner) for name, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(inner) for inner in value]
-    if hasattr(value, "tolist"):  # of numpy
-        return finite(value.tolist())
-    if isinstance(value, float):
-        return value if abs(value) < float("inf") else None
-    return value if value is None or isinstance(value, str | int) else str(value)

@@ -147,7 +147,7 @@ def _score(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
         distances=spec["distances"],
         progress=True,
     )
-    return {"trained": _stamp(job, store), "scores": scores.json()}
+    return {"trained": _stamp(job, store), "scores": scores.values}
 
 
 def _picture(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:

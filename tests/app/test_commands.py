@@ -281,6 +281,9 @@ def test_resume(assets, nilbs, succeeds, out, monkeypatch, quick_training):
     status, _, err = nilbs("train", *files, "--seed", 1, "-o", out / "m.nilbs", "--resume")
     assert status == 2
     assert "m.nilbs.checkpoint: belongs to a training with other files or settings" in err
+    status, _, err = nilbs("train", *files, "-o", out / "m.nilbs")
+    assert status == 2
+    assert "m.nilbs.checkpoint holds a training that was stopped: go on with --resume, or remove it" in err
     continued = succeeds("train", *files, "-o", out / "m.nilbs", "--resume")
     assert continued["loss"] == pytest.approx(alone["loss"], rel=1e-6)
     assert sorted(os.listdir(out)) == ["alone.nilbs", "m.nilbs"]

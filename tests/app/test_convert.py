@@ -212,6 +212,15 @@ def test_as_a_table(body, nilbs, out):
         (["body.obj", "--map", "body.json", "-o", "out/x.ply"], "--map is for a motion for another rig, and no file"),
         (["body.obj", "--write-map", "out/m.json", "-o", "out/x.ply"], "--write-map is for a motion for another rig"),
         (["body.obj", "--write-map", "out/m.txt", "-o", "out/x.ply"], "out/m.txt: the file name must end in .json"),
+        (
+            ["body.obj", "body_rig.txt", "walk.json", "--write-map", "out/m.json", "-o", "out/x.glb"],
+            "--write-map: {}/walk.json moves the rig's own bones",
+        ),
+        (
+            ["body.obj", "body_rig.txt", "wave.bvh", "again.bvh", "--write-map", "out/m.json", "-o", "out/x.glb"],
+            "--write-map writes the map of one motion, and there are {}/wave.bvh and {}/again.bvh",
+        ),
+        (["body.obj", "-o", "out/x.ply", "out/x.ply"], "out/x.ply: the same file is named twice"),
         (["names.mhw", "-o", "out/x.npz"], "names.mhw: its weights are of bones by name"),
         (["no.obj", "-o", "out/x.ply"], "no.obj: No such file or directory"),
         (["body.doc", "-o", "out/x.ply"], "body.doc: the file name must end in .obj or"),
@@ -225,6 +234,7 @@ def test_a_mistake_is_named_and_nothing_written(body, out, fails, words, message
         write_files([body / name], W=np.full((4, 3), 1 / 3))
     (body / "walk.json").write_text('{"frames": [{"leg": [0, 0, 1]}]}')
     (body / "body.json").write_text("{}")
+    (body / "again.bvh").write_bytes((body / "wave.bvh").read_bytes())
     (body / "names.mhw").write_text(json.dumps({"weights": {}}))
     words = [word if word.startswith("-") or "." not in word else body / word for word in words]
     assert message.replace("{}", str(body)) in fails("convert", *words)

@@ -54,6 +54,7 @@ def test_clean_solids(V, F, scale, offset):
         (CUBE, np.concatenate([CUBE_F, INWARD[:2]]), ["5 edges of more than two facets", "2 facets twice"]),
         (*several((1, 0, CUBE_F), (1, 3, INWARD)), ["1 part inside out"]),
         (*several((4, 0, INWARD), (1, 1, INWARD)), ["2 parts inside out"]),
+        (*several((4, 0, CUBE_F), (1, 1, INWARD), (1, 9, INWARD)), ["1 part inside out"]),
         (*several((1, 0, CUBE_F), (1, 1, CUBE_F)), ["1 vertex on top of others"]),
         (*several((1, 0, CUBE_F), (0, 3, CUBE_F)), ["12 facets without area", "7 vertices on top of others"]),
         (*divided(), ["1 hole", "1 T-junction", "2 self-intersections"]),

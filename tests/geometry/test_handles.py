@@ -155,7 +155,6 @@ def test_names_for_a_sentence() -> None:
     assert described([2], "abcdefgh") == "c"
     assert described(np.arange(5), "abcdefgh") == "a, b, c, d, e"
     assert described(range(7), "abcdefgh") == "a, b, c, d, e and 2 more"
-    assert described(range(7), "abcdefgh", most=1) == "a and 6 more"
 
 
 def test_sizes_that_disagree_are_refused() -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays, check_indices, listed
 
 
 def test_lists_become_float_and_int_arrays_in_order() -> None:
@@ -61,3 +61,9 @@ def test_an_index_outside_is_named_with_its_row() -> None:
         check_indices("F", np.array([[0, 1], [1, 3]]), 3, "vertices")
     with pytest.raises(ValueError, match=r"^P\[0\] = -1 does not index the 3 bones$"):
         check_indices("P", np.array([-1, 0]), 3, "bones")
+
+
+def test_words_for_a_sentence() -> None:
+    assert listed([]) == ""
+    assert listed("abcde") == "a, b, c, d, e"
+    assert listed("abcdef") == "a, b, c, d, e and 1 more"

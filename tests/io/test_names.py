@@ -1,4 +1,4 @@
-from nilbs.io.names import listed, text_of, unique_names
+from nilbs.io.names import text_of, unique_names
 
 
 def test_undecodable_bytes_are_replaced():
@@ -15,4 +15,3 @@ def test_many_equal_names_are_numbered_fast_and_without_clashes():
     )
     assert unique_names(["a", "a", "a_2"])[0] == ("a", "a_3", "a_2")
     assert unique_names(["x", "y"]) == (("x", "y"), ())
-    assert listed([]) == ""

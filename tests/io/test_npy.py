@@ -30,3 +30,22 @@ def test_objects_are_neither_read_nor_written(tmp_path):
     np.save(tmp_path / "a.npy", np.array([print], dtype=object))
     with pytest.raises(FileFormatError, match="not a plain array of numbers"):
         read_npy(tmp_path / "a.npy")
+
+
+def test_an_array_of_too_many_dimensions(tmp_path):
+    path = tmp_path / "a.npy"
+    write_npy(path, np.zeros((1,) * 8))
+    assert read_npy(path).shape == (1,) * 8
+    write_npy(path, np.zeros((1,) * 9))
+    with pytest.raises(FileFormatError, match=r"a\.npy: the file is not a plain array of numbers$"):
+        read_npy(path)
+
+
+def test_small_numbers_that_take_too_much_as_doubles(tmp_path, monkeypatch):
+    monkeypatch.setattr("nilbs.io.npy.SIZE_LIMIT", 800)
+    path = tmp_path / "a.npy"
+    write_npy(path, np.zeros(100, dtype=np.uint8))
+    assert len(read_npy(path)) == 100
+    write_npy(path, np.zeros(101, dtype=np.uint8))
+    with pytest.raises(FileFormatError, match=r"the file holds 101 numbers, more than 100$"):
+        read_npy(path)
