@@ -69,6 +69,7 @@ def evaluate(
     poses: Sequence[str] = POSE_SETS,
     rows: Sequence[str] = (),
     noise: float = NOISE,
+    ious: Sequence[str] = IOUS,
     distances: bool = False,
     progress: bool = False,
 ) -> Scores:
@@ -90,6 +91,8 @@ def evaluate(
         What to score beside the model, of `nilbs.settings.ROWS`.
     noise : float
         Standard deviation of the points near the surface, in units of L.
+    ious : sequence of str
+        "iou_bbox" and "iou_surface", or one of them: at which points to score.
     distances : bool
         Whether to compare distances at the points near the surface with the posed mesh's own: those read at rest
         (`distance_error`) and those corrected by the local stretch (`posed_distance_error`), mean absolute differences
@@ -104,7 +107,7 @@ def evaluate(
     Raises
     ------
     ValueError
-        If a pose set or a row is unknown, or a number is not positive.
+        If a pose set, a row or a score is unknown, or a number is not positive.
 
     Examples
     --------
@@ -115,10 +118,10 @@ def evaluate(
     >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
     >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
     >>> character = assemble(V, E, skeleton)
-    >>> model = fit(character, random_motion(character, frames=2), method="nearest")
+    >>> model = fit(character, random_motion(character, frames=2), method="mesh-lbs")
     >>> scores = evaluate(model, points=100, resolution=8, poses=["seen"])
-    >>> scores.values["poses"]["seen"]["iou_bbox"]["mean"] > 0.9
-    True
+    >>> scores.values["poses"]["seen"]["iou_bbox"]["mean"]
+    1.0
     """
     from tqdm import tqdm
 
@@ -134,6 +137,10 @@ def evaluate(
             "points must be at least 1, resolution 0 or at least 2, noise at least 0; "
             f"got {points}, {resolution}, {noise}"
         )
+    if not ious or set(ious) - set(IOUS):
+        raise ValueError(f"ious must be some of {', '.join(IOUS)}, got {', '.join(ious) or 'none'}")
+    if distances and "iou_surface" not in ious:
+        raise ValueError("distances are compared at the points of iou_surface, which must be scored too")
     frames = {name: evaluation_poses(model.character, model.motion, name, seed=seed) for name in poses}
     asked = {row: _asked(model, row) for row in ("", *rows)}
     results: dict[str, dict[str, list[dict[str, Any]]]] = {row: {name: [] for name in poses} for row in asked}
@@ -144,7 +151,7 @@ def evaluate(
         for name, B in frames.items():
             for k, pose in enumerate(B):
                 stream = [seed, _STREAM, _pose_stream(name), k]
-                scene = _Scene.of(model.character, pose, points, resolution, noise, stream)
+                scene = _Scene.of(model.character, pose, points, resolution, noise, ious, stream)
                 if k == 0:  # one pose of a set is enough: the truth is asked for all of its points once more
                     controls.append(scene.controls())
                 for row, posed in asked.items():
@@ -166,13 +173,15 @@ def evaluate(
             "seed": seed,
             "training": model.config,
             "controls": {
-                kind: {score: float(np.mean([control[kind][score] for control in controls])) for score in IOUS}
+                kind: {score: float(np.mean([control[kind][score] for control in controls])) for score in ious}
                 for kind in (controls[0] if controls else ())
             },
-            # For 100,000 points of a pose, and their share of the time to be told it: half, where each of the two sets
-            # has as many, and more where sets are smaller.
+            # For 100,000 points of a pose, and their share of the time to be told it: half, where each of two sets has
+            # as many, and more where sets are smaller.
             "query_seconds": {
-                row: POINTS * spent / (2 * points * max(total, 1)) for row, spent in seconds.items() if row != "floor"
+                row: POINTS * spent / (len(ious) * points * max(total, 1))
+                for row, spent in seconds.items()
+                if row != "floor"
             },
             "poses": model_table,
             "rows": tables,
@@ -267,21 +276,30 @@ class _Scene:
     truth: MeshLbs
     grid: Grid
     resolution: int
+    samples: int
     points: dict[str, np.ndarray]  # by score
     true: dict[str, np.ndarray]
     stream: list[int]
 
     @classmethod
     def of(
-        cls, c: Character, pose: np.ndarray, points: int, resolution: int, noise: float, stream: list[int]
+        cls,
+        c: Character,
+        pose: np.ndarray,
+        points: int,
+        resolution: int,
+        noise: float,
+        ious: Sequence[str],
+        stream: list[int],
     ) -> "_Scene":
         U = linear_blend_skinning(c.V, c.W, pose)
         truth, grid = MeshLbs(U, c.F), Grid.cube(U, resolution or 1)
         rng = np.random.default_rng([*stream, 1])
-        bbox = uniform_samples(grid.lower, grid.upper, points, rng=rng)
+        bbox = uniform_samples(grid.lower, grid.upper, points, rng=rng)  # also where it is not scored: the stream's
         surface = near_surface_samples(U, c.F, points, std=noise * c.L, rng=rng)
-        x = {"iou_bbox": bbox, "iou_surface": surface}
-        return cls(c, truth, grid, resolution, x, {name: truth.inside(x[name]) for name in IOUS}, stream)
+        asked = {name: x for name, x in (("iou_bbox", bbox), ("iou_surface", surface)) if name in ious}
+        true = {name: truth.inside(x) for name, x in asked.items()}
+        return cls(c, truth, grid, resolution, points, asked, true, stream)
 
     def controls(self) -> dict[str, dict[str, float]]:
         """Scores of predictions whose scores are known: the truth asked anew, nothing, and its opposite."""
@@ -312,13 +330,14 @@ class _Scene:
         return scores | self._surface(posed.extract_on)
 
     def _ious(self, inside: dict[str, np.ndarray]) -> dict[str, float]:
-        return {name: intersection_over_union(inside[name], self.true[name]) for name in IOUS}
+        return {name: intersection_over_union(inside[name], true) for name, true in self.true.items()}
 
     def _surface(self, extract_on: Callable[[Grid], tuple[np.ndarray, np.ndarray]]) -> dict[str, Any]:
         if not self.resolution:
             return {}
-        rng, n = np.random.default_rng([*self.stream, 2]), len(self.points["iou_bbox"])
-        return surface_scores(*extract_on(self.grid), self.truth.U, self.truth.F, unit=self.character.L, n=n, rng=rng)
+        rng, c = np.random.default_rng([*self.stream, 2]), self.character
+        U, F = extract_on(self.grid)
+        return surface_scores(U, F, self.truth.U, self.truth.F, unit=c.L, n=self.samples, rng=rng)
 
 
 def _above_half(occupancies: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -92,8 +92,8 @@ def fit(
     >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
     >>> character = assemble(V, E, skeleton)
     >>> model = fit(character, random_motion(character, frames=2), method="nearest")
-    >>> model.occupancy([[0.1, 0.5], [9, 9]], model.motion[0])
-    array([1., 0.])
+    >>> model.occupancy([[0.1, 0.5], [9, 9]], model.motion[0]) > 0.5
+    array([ True, False])
     """
     settings = replace(settings or Settings(), **changes)
     if not len(motion):

@@ -171,5 +171,6 @@ def test_points_that_single_precision_cannot_hold_are_refused(d: int, models, qu
 def test_points_may_lie_in_memory_in_any_order(d: int, models, queries) -> None:
     model = models[d]
     x, pose = queries(model, 30)
-    np.testing.assert_array_equal(model.occupancy(x[::-1], pose), model.occupancy(x, pose)[::-1])
+    # A point's place among the others may change its last digit.
+    np.testing.assert_allclose(model.occupancy(x[::-1], pose), model.occupancy(x, pose)[::-1], rtol=1e-5)
     np.testing.assert_allclose(model.posed_distance(x[::-3], pose), model.posed_distance(x, pose)[::-3], rtol=1e-5)

@@ -43,6 +43,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.inputs import gather
     from nilbs.app.output import show
     from nilbs.io import check_suffix, check_writable
+    from nilbs.io.bone_map import write_bone_map
     from nilbs.motion import read_motion
     from nilbs.saving import check_outputs, write_files
 
@@ -52,23 +53,28 @@ def run(args: argparse.Namespace) -> None:
     check_outputs(args.output, inputs=args.inputs)
     notes: list[str] = []
     mapped: list[str] = []
+    guesses: list[tuple[dict[str, str], tuple[str, ...]]] = []
 
     def motion_for(path: str, skeleton: "Skeleton") -> "Motion":
         mapped.append(path)
         if args.write_map is not None:
+            guesses.append((_guess(path, args.clip, skeleton), skeleton.names))
             if len(mapped) > 1:
                 raise ValueError(f"--write-map writes the map of one motion, and there are {' and '.join(mapped)}")
-            _write_guess(args.write_map, path, args.clip, skeleton)
         return read_motion(path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append)
 
-    inputs = gather(
-        args.inputs,
-        read_motion=motion_for,
-        clip=args.clip,
-        group=args.group,
-        solve=args.solve,
-        report=notes.append,
-    )
+    try:
+        inputs = gather(
+            args.inputs,
+            read_motion=motion_for,
+            clip=args.clip,
+            group=args.group,
+            solve=args.solve,
+            report=notes.append,
+        )
+    finally:
+        if len(guesses) == 1:  # also where nothing came of it: it is there to be corrected
+            write_bone_map(args.write_map, *guesses[0])
     for option, value, serves, what in (
         ("--group", args.group, inputs.mesh is not None, "a mesh"),
         ("--clip", args.clip, bool(inputs.clips), "a motion"),
@@ -92,14 +98,13 @@ def run(args: argparse.Namespace) -> None:
     show(values, as_json=args.json, table="\n".join([*lines, *(f"note: {note}" for note in notes)]))
 
 
-def _write_guess(map_path: str, motion_path: str, clip: str | None, skeleton: "Skeleton") -> None:
-    """Write which bones would follow which; where no name agrees, every bone without one to follow."""
+def _guess(motion_path: str, clip: str | None, skeleton: "Skeleton") -> dict[str, str]:
+    """Which bones would follow which; none where no name agrees."""
     from pathlib import Path
 
     from nilbs.clips import chosen_clip
     from nilbs.geometry.plane import skeleton_in_space
     from nilbs.geometry.retargeting import guess_bone_map
-    from nilbs.io.bone_map import write_bone_map
     from nilbs.io.registry import OWN_MOTIONS
     from nilbs.report import silent
 
@@ -107,7 +112,6 @@ def _write_guess(map_path: str, motion_path: str, clip: str | None, skeleton: "S
         raise ValueError(f"--write-map: {motion_path} moves the rig's own bones, there is nothing to map")
     source = chosen_clip(Path(motion_path), clip, silent).skeleton
     try:
-        guess = guess_bone_map(source, skeleton_in_space(skeleton))
+        return guess_bone_map(source, skeleton_in_space(skeleton))
     except ValueError:
-        guess = {}
-    write_bone_map(map_path, guess, skeleton.names)
+        return {}

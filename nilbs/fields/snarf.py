@@ -77,6 +77,8 @@ class SnarfField(Field):
        arXiv:2104.03953.
     """
 
+    knows_rest_images = True
+
     def __init__(
         self,
         P: Tensor,

@@ -41,6 +41,7 @@ def scoring_seconds(character: str, method: str, spec: Mapping[str, Any]) -> flo
     """Of the scoring with this spec of a model of the method."""
     share, poses = spec["points"] / POINTS, 10 * len(spec["poses"])
     cells = (spec["resolution"] / RESOLUTION) ** 2 * (0.05 if SOURCES[character].dim == 2 else 1.0)
+    share *= 0.5 if "ious" in spec else 1.0  # one of the two point sets
     seconds = (_TRUTH_SECONDS + _DISTANCE_SECONDS * spec["distances"]) * share
     for name in (method, *spec["rows"]):
         bones = _BONES[character] / _BONES["elephant"] if name in ASKS_BONES else 1.0

@@ -10,7 +10,7 @@ from typing import Any
 from nilbs.settings import MAPPINGS, METHODS, NOISE, Settings
 from nilbs.study.durations import ASKS_ALL_BONES, ASKS_BONES, scoring_seconds, training_seconds
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Builder, Entry, Job, Plan
-from nilbs.study.scale import ABLATIONS, TRAINED, Scale
+from nilbs.study.scale import ABLATIONS, SWEEP_SETS, TRAINED, Scale
 
 # Raised where trainings or scores change and no setting tells.
 RECIPE = 3
@@ -21,18 +21,21 @@ UNLEARNED = ("nearest", "rigid-parts", "floor", "mesh-lbs")
 SURFACE_ROWS = ("floor", "inverse", "nearest")
 # What asks every bone for every point takes too long on a rig with so many, and for surfaces.
 MANY_BONES = ("makehuman",)
+# Methods of the sweeps over amplitude, training time and noise.
+SWEPT = ("nilbs", "nasa", "snarf", "mlp")
 # What is left out for the time that it takes; some of it of one character.
 SPARED = (
-    "SNARF asks every bone for every point: it is not scored on interpolated poses, nor on far ones in the sweeps over "
-    "training poses, training time and noise, and its surfaces are extracted on the elephant and the 2D man alone",
+    "Rivals are not scored on interpolated poses; beyond the first seed they are on unseen and far poses alone, in the "
+    "sweeps over training poses, training time and noise on unseen ones; their surfaces are extracted on the elephant "
+    "and the 2D man, SNARF's, which asks every bone for every point, on the 2D man alone",
 )
 SPARED_OF = {
     "makehuman": "On MakeHuman's body NASA is scored on seen and unseen poses and SNARF on unseen ones, both without "
     "surfaces; rigid parts and the search from all bones are left out",
 }
 SURFACE_SETS = ("seen", "unseen")
-# Where surfaces of slow methods are worth it.
-_ALL_SURFACES = ("elephant", "gingerbread-2d")
+# Where surfaces of rivals are worth it, and of what asks every bone.
+_RIVALS_SURFACES, _ALL_SURFACES = ("gingerbread-2d", "elephant"), ("gingerbread-2d",)
 
 
 def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
@@ -94,6 +97,8 @@ def _method(scale: Scale, builder: Builder, character: str, name: str, seed: int
         return
     others = ("rigid-parts", *(row for row in OTHER_MAPPINGS if row not in SURFACE_ROWS))
     others = tuple(row for row in others if row not in ASKS_BONES or character not in MANY_BONES)
+    if character == scale.sweep:
+        others = ("rigid-parts",)  # the ablation has the mappings
     _score(scale, builder, training, f"{training.key}/other-rows", entry, rows=others, own=False)
     spec = {"training": training.key, "of": training.spec, "resolution": scale.resolution}
     picture = builder.job(Job(f"{training.key}/picture", PICTURE, spec, training.key, seconds=60))
@@ -112,16 +117,18 @@ def _score_method(
 
 
 def _affordable(poses: Sequence[str], entry: Entry) -> tuple[str, ...]:
-    """Pose sets of a method: fewer where every bone is asked for every point."""
+    """Pose sets of a method: fewer of rivals, and where every bone of very many is asked for every point."""
+    if entry.method == "nilbs":
+        return tuple(poses)
+    wanted: tuple[str, ...] = SWEEP_SETS if entry.seed else ("seen", *SWEEP_SETS)
     if entry.method in ASKS_BONES and entry.character in MANY_BONES:
         wanted = ("unseen",) if entry.method in ASKS_ALL_BONES else SURFACE_SETS
-        return tuple(name for name in poses if name in wanted)
-    return tuple(name for name in poses if entry.method not in ASKS_ALL_BONES or name != "interpolated")
+    return tuple(name for name in poses if name in wanted)
 
 
-def _sweep_sets(scale: Scale, name: str) -> tuple[str, ...]:
-    """Pose sets of a method in a sweep."""
-    return tuple(poses for poses in scale.sweep_poses if name not in ASKS_ALL_BONES or poses == "unseen")
+def _sweep_sets(scale: Scale, settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """Pose sets of a training in a sweep."""
+    return tuple(poses for poses in scale.sweep_poses if "method" not in settings or poses == "unseen")
 
 
 def surfaces(scale: Scale, builder: Builder) -> None:
@@ -134,7 +141,7 @@ def surfaces(scale: Scale, builder: Builder) -> None:
             key, cells = f"surfaces/{character}-nilbs-seed{seed}", scale.resolution
             _score(scale, builder, training, key, entry, poses=poses, resolution=cells, rows=("floor",))
         for name in TRAINED:
-            if name in (ASKS_BONES if character in MANY_BONES else ASKS_ALL_BONES) and character not in _ALL_SURFACES:
+            if name != "nilbs" and character not in (_ALL_SURFACES if name in ASKS_ALL_BONES else _RIVALS_SURFACES):
                 continue  # takes as long as everything else together
             training = _training_of(scale, builder, character, name, 0)
             entry = Entry("surfaces", character, name, 0, "")
@@ -160,25 +167,28 @@ def frames(scale: Scale, builder: Builder) -> None:
             key = f"frames/{scale.sweep}-{_slug(name)}-{count}"
             training = _sweep_training(scale, builder, key, settings, training_frames=count)
             entry = Entry("frames", str(scale.sweep), name, 0, "", value=count)
-            poses = _sweep_sets(scale, name)
-            _score(scale, builder, training, f"{key}/scores", entry, poses=poses, rows=_inverse(settings))
+            poses = _sweep_sets(scale, settings)
+            rows = _inverse(settings)
+            _score(scale, builder, training, f"{key}/scores", entry, poses=poses, rows=rows, surface_alone=True)
 
 
 def amplitude(scale: Scale, builder: Builder) -> None:
     """Accuracy against the amplitude of random poses, of the models of `methods`."""
     poses = {value: f"random {value:g}" for value in scale.amplitudes}
-    for name in TRAINED:
+    for name in SWEPT:
         training = _training_of(scale, builder, str(scale.sweep), name, 0)
-        rows = ("inverse", "nearest", "rigid-parts") if name == "nilbs" else ()
+        rows = ("inverse", "nearest") if name == "nilbs" else ()
         for value, pose_set in poses.items():
             entry = Entry("amplitude", str(scale.sweep), name, 0, "", value=value, poses=(pose_set,))
             key = f"amplitude/{scale.sweep}-{name}"
-            _score(scale, builder, training, key, entry, poses=tuple(poses.values()), rows=rows)
+            sets = tuple(poses.values())
+            _score(scale, builder, training, key, entry, poses=sets, rows=rows, surface_alone=True)
 
 
 def time(scale: Scale, builder: Builder) -> None:
     """Accuracy against training time."""
-    for name in ("nilbs", "nasa", "snarf", "mlp"):
+    for name in SWEPT:
+        poses = _sweep_sets(scale, TRAINED[name])
         for minutes in scale.times:
             key = f"time/{scale.sweep}-{name}-{minutes:g}min"
             if minutes == scale.minutes.get(str(scale.sweep)):
@@ -186,8 +196,8 @@ def time(scale: Scale, builder: Builder) -> None:
             else:
                 training = _sweep_training(scale, builder, key, TRAINED[name], minutes=minutes)
             entry = Entry("time", str(scale.sweep), name, 0, "", value=minutes)
-            poses = _sweep_sets(scale, name)
-            _score(scale, builder, training, f"{key}/scores", entry, poses=poses, rows=_inverse(TRAINED[name]))
+            rows = _inverse(TRAINED[name])
+            _score(scale, builder, training, f"{key}/scores", entry, poses=poses, rows=rows, surface_alone=True)
 
 
 def ablation(scale: Scale, builder: Builder) -> None:
@@ -197,26 +207,28 @@ def ablation(scale: Scale, builder: Builder) -> None:
         key = f"ablation/{scale.sweep}-{_slug(name)}"
         training = _sweep_training(scale, builder, key, settings)
         entry = Entry("ablation", str(scale.sweep), name, 0, "")
-        _score(scale, builder, training, f"{key}/scores", entry, poses=scale.sweep_poses, rows=("inverse",))
+        poses = scale.sweep_poses
+        _score(scale, builder, training, f"{key}/scores", entry, poses=poses, rows=("inverse",), surface_alone=True)
         if not settings:
-            others = tuple(row for row in OTHER_MAPPINGS if row != "inverse")
+            rows = tuple(row for row in OTHER_MAPPINGS if row != "inverse")
             key = f"{key}/mappings"
-            _score(scale, builder, training, key, entry, poses=scale.sweep_poses, rows=others, own=False)
+            _score(scale, builder, training, key, entry, poses=poses, rows=rows, surface_alone=True, own=False)
 
 
 def noise(scale: Scale, builder: Builder) -> None:
     """Scores at other distances from the surface, of the models of `methods`."""
-    for name in TRAINED:
+    for name in SWEPT:
         training = _training_of(scale, builder, str(scale.sweep), name, 0)
         rows = ("inverse", "nearest") if name == "nilbs" else ()
+        poses = _sweep_sets(scale, TRAINED[name])
         for factor in scale.noises:
             entry = Entry("noise", str(scale.sweep), name, 0, "", value=factor)
             if factor == 1:  # scored before
-                _score_method(scale, builder, training, replace(entry, poses=scale.sweep_poses), only=("", *rows))
+                _score_method(scale, builder, training, replace(entry, poses=poses), only=("", *rows))
             else:
                 key = f"noise/{scale.sweep}-{name}-x{factor}"
-                poses = _sweep_sets(scale, name)
-                _score(scale, builder, training, key, entry, poses=poses, rows=rows, noise=factor * NOISE)
+                away = factor * NOISE
+                _score(scale, builder, training, key, entry, poses=poses, rows=rows, noise=away, surface_alone=True)
 
 
 def twist(scale: Scale, builder: Builder) -> None:
@@ -333,10 +345,14 @@ def _score(
     rows: Sequence[str] = (),
     noise: float = NOISE,
     distances: bool = False,
+    surface_alone: bool = False,
     own: bool = True,
     only: Sequence[str] | None = None,
 ) -> None:
-    """Score a model, and enter its own row, where asked, and the others into the tables, or `only` some of them."""
+    """Score a model, and enter its own row, where asked, and the others into the tables, or `only` some of them.
+
+    Where tables show the surface IoU alone, as those of sweeps, no other points are asked.
+    """
     spec = {
         "training": training.key,
         "of": training.spec,
@@ -348,6 +364,8 @@ def _score(
         "noise": noise,
         "distances": distances,
     }
+    if surface_alone:
+        spec["ious"] = ["iou_surface"]
     method = training.spec["settings"].get("method", "nilbs")
     job = Job(key, SCORE, spec, training.key, seconds=scoring_seconds(training.spec["character"], method, spec))
     job = builder.job(job)

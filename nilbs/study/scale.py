@@ -80,7 +80,7 @@ class Scale:
     sweep_poses: tuple[str, ...] = SWEEP_SETS
     training_frames: int = FRAMES
     frames: tuple[int, ...] = (1, 3, 10, 30, 100)
-    amplitudes: tuple[float, ...] = (0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+    amplitudes: tuple[float, ...] = (0.1, 0.4, 0.8, 1.2)
     times: tuple[float, ...] = (0.25, 0.5, 1, 2, 5)
     noises: tuple[int, ...] = (1, 2, 3, 4)
     ablations: tuple[str, ...] = tuple(ABLATIONS)

@@ -133,7 +133,7 @@ def _model(job: Job, store: Store) -> "Model":
 
 
 def _score(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
-    from nilbs.evaluation import evaluate
+    from nilbs.evaluation import IOUS, evaluate
 
     spec = job.spec
     scores = evaluate(
@@ -144,6 +144,7 @@ def _score(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
         poses=spec["poses"],
         rows=spec["rows"],
         noise=spec["noise"],
+        ious=spec.get("ious", IOUS),
         distances=spec["distances"],
         progress=True,
     )

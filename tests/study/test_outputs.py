@@ -104,7 +104,6 @@ def test_what_was_not_run_is_a_dash(done, store) -> None:
         "paper",
         "nasa",
         "nasa-rigid",
-        "snarf",
         "mlp",
         "nearest °",
         "floor °°",

@@ -7,7 +7,7 @@ import pytest
 from nilbs.settings import ROWS, Settings
 from nilbs.study.characters import SOURCES, available
 from nilbs.study.jobs import SCORE, TRAIN, Builder, Entry, Job
-from nilbs.study.plan import PARTS, SWEEPS, plan
+from nilbs.study.plan import PARTS, SWEEPS, SWEPT, plan
 from nilbs.study.scale import TRAINED, full_scale, quick_scale
 
 
@@ -27,6 +27,9 @@ def test_keys_are_unique_and_a_job_follows_the_training_that_it_needs(either) ->
     for job in either.jobs:
         if job.needs is not None:
             training = either.by_key[job.needs]
+            assert {
+                other.needs or other.key for other in either.jobs[keys.index(training.key) : keys.index(job.key)]
+            } == {training.key}  # nothing stands between
             assert training.kind == TRAIN
             assert keys.index(training.key) < keys.index(job.key)
             assert job.spec["of"] == training.spec
@@ -77,12 +80,27 @@ def test_surfaces_of_rivals_are_scored_for_first_seeds_only(full) -> None:
 
 
 def test_what_asks_every_bone_is_spared_where_there_are_very_many(full) -> None:
+    assert not {"surfaces/arm-nasa", "surfaces/elephant-snarf"} & set(full.by_key)
+    assert {"surfaces/elephant-nasa", "surfaces/gingerbread-2d-snarf"} <= set(full.by_key)
     snarf = full.by_key["makehuman/snarf/seed0/scores"]
     assert snarf.spec["poses"] == ["unseen"]
     assert full.by_key["makehuman/nasa/seed0/scores"].spec["poses"] == ["seen", "unseen"]
     assert full.by_key["frames/elephant-snarf-10/scores"].spec["poses"] == ["unseen"]
     assert "all-bones" not in full.by_key["makehuman/nilbs/seed0/other-rows"].spec["rows"]
-    assert "all-bones" in full.by_key["elephant/nilbs/seed0/other-rows"].spec["rows"]
+    assert "all-bones" in full.by_key["arm/nilbs/seed0/other-rows"].spec["rows"]
+    assert full.by_key["elephant/nilbs/seed0/other-rows"].spec["rows"] == ["rigid-parts"]
+
+
+def test_rivals_are_scored_on_fewer_poses(full) -> None:
+    def poses(key: str) -> list[str]:
+        return full.by_key[key].spec["poses"]
+
+    assert poses("elephant/nilbs/seed2/scores") == ["seen", "interpolated", "unseen", "far"]
+    assert poses("elephant/nasa/seed0/scores") == ["seen", "unseen", "far"]
+    assert poses("elephant/nasa/seed2/scores") == ["unseen", "far"]
+    assert poses("noise/elephant-nilbs-x2") == ["unseen", "far"]
+    assert poses("noise/elephant-nasa-x2") == ["unseen"]
+    assert {e.poses for e in full.entries if (e.part, e.value, e.method) == ("noise", 1, "nasa")} == {("unseen",)}
 
 
 def test_sweeps_share_what_they_can(full) -> None:
@@ -123,7 +141,7 @@ def test_without_data_the_sweeps_and_their_character_are_missing(tmp_path) -> No
 
 def test_a_part_brings_the_trainings_that_it_needs(full) -> None:
     jobs = full.of_parts(["amplitude"])
-    assert {job.key for job in jobs if job.kind == TRAIN} == {f"elephant/{name}/seed0" for name in TRAINED}
+    assert {job.key for job in jobs if job.kind == TRAIN} == {f"elephant/{name}/seed0" for name in SWEPT}
     assert all(job.kind == TRAIN or job.key.startswith("amplitude/") for job in jobs)
 
 
