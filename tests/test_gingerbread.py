@@ -125,6 +125,13 @@ def test_another_dimension_is_refused():
         gingerbread(4)
 
 
+def in_order(E):
+    """Triangles from their first vertex on, sorted."""
+    first = E.argmin(axis=1)[:, None]
+    E = np.take_along_axis(E, (first + np.arange(3)) % 3, axis=1)
+    return E[np.lexsort(E.T[::-1])]
+
+
 def test_script_regenerates_the_committed_files(tmp_path):
     script = EXAMPLES / "make_assets.py"
     printed = subprocess.run([sys.executable, script, tmp_path], check=True, capture_output=True, text=True).stdout
@@ -135,7 +142,8 @@ def test_script_regenerates_the_committed_files(tmp_path):
         (V, E), (V_again, E_again) = read_mesh(committed), read_mesh(tmp_path / name)
         assert V.shape[1] == d
         np.testing.assert_allclose(V_again, V, atol=1e-5)
-        np.testing.assert_array_equal(E_again, E)
+        # Which of them come first is up to the last digits of a processor.
+        np.testing.assert_array_equal(in_order(E_again), in_order(E))
     C, BE = read_tgf(EXAMPLES / "assets" / "gingerbread.tgf")
     C_again, BE_again = read_tgf(tmp_path / "gingerbread.tgf")
     np.testing.assert_allclose(C_again, C, atol=1e-5)

@@ -340,5 +340,5 @@ def test_where_no_name_fits_the_user_is_told_what_to_write() -> None:
     source = skeleton_of_joints(np.eye(6, 3), np.arange(6) - 1, [f"joint{i}" for i in range(6)])
     with pytest.raises(ValueError) as caught:
         guess_bone_map(source, person())
-    assert "joint0, joint1, joint2, joint3 and 2 more" in str(caught.value)
+    assert "joint0, joint1, joint2, joint3, joint4 and 1 more" in str(caught.value)
     assert '{"hips": "joint0"}' in str(caught.value)
