@@ -363,7 +363,7 @@ def test_a_flat_mesh_lies_in_the_plane(tmp_path):
     )
     mesh = file.read(tmp_path).mesh
     assert mesh.V.shape == (4, 2)
-    assert mesh.E.tolist() == [[0, 1, 2], [3, 2, 1], [2, 0, 3]]
+    assert mesh.E.tolist() == [[0, 1, 2], [1, 3, 2], [3, 2, 0]]
 
 
 def test_meshes_without_a_skin_follow_joints(character, tmp_path, rng):
