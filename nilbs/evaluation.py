@@ -111,13 +111,10 @@ def evaluate(
 
     Examples
     --------
-    >>> from nilbs.character import assemble
+    >>> from nilbs.capsule import capsule
     >>> from nilbs.fitting import fit
-    >>> from nilbs.geometry.skeleton import skeleton_of_bones
     >>> from nilbs.motion import random_motion
-    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
-    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
-    >>> character = assemble(V, E, skeleton)
+    >>> character = capsule(d=2)
     >>> model = fit(character, random_motion(character, frames=2), method="mesh-lbs")
     >>> scores = evaluate(model, points=100, resolution=8, poses=["seen"])
     >>> scores.values["poses"]["seen"]["iou_bbox"]["mean"]

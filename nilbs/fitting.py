@@ -85,14 +85,11 @@ def fit(
 
     Examples
     --------
-    >>> from nilbs.character import assemble
-    >>> from nilbs.geometry.skeleton import skeleton_of_bones
+    >>> from nilbs.capsule import capsule
     >>> from nilbs.motion import random_motion
-    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
-    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
-    >>> character = assemble(V, E, skeleton)
+    >>> character = capsule(d=2)
     >>> model = fit(character, random_motion(character, frames=2), method="nearest")
-    >>> model.occupancy([[0.1, 0.5], [9, 9]], model.motion[0]) > 0.5
+    >>> model.occupancy([[0, -0.3], [9, 9]], model.motion[0]) > 0.5
     array([ True, False])
     """
     settings = replace(settings or Settings(), **changes)

@@ -184,11 +184,8 @@ def random_motion(character: Character, *, frames: int = FRAMES, amplitude: floa
 
     Examples
     --------
-    >>> from nilbs.character import assemble
-    >>> from nilbs.geometry.skeleton import skeleton_of_bones
-    >>> V, E = [[0, 0], [2, 0], [2, 1], [0, 1]], [[0, 1, 2], [0, 2, 3]]
-    >>> skeleton = skeleton_of_bones([[0.5, 0.5], [1, 0.5], [1.5, 0.5]], [[0, 1], [1, 2]])
-    >>> character = assemble(V, E, skeleton)
+    >>> from nilbs.capsule import capsule
+    >>> character = capsule(d=2)
     >>> random_motion(character, frames=3).B.shape
     (3, 2, 3, 3)
     """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nilbs.character import Character
-from nilbs.evaluation import POSE_SETS, evaluate, evaluation_poses
+from nilbs.evaluation import IOUS, POSE_SETS, evaluate, evaluation_poses
 from nilbs.fields.mesh_lbs import MeshLbs
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
@@ -133,6 +133,23 @@ def test_the_worst_frame_is_the_lowest_or_the_highest(characters) -> None:
             assert score["worst"] == max(frames)
     assert seen["iou_bbox"]["worst"] == 0
     assert seen["hausdorff"]["worst"] == seen["hausdorff"]["frames"][1]
+
+
+def test_one_of_the_two_point_sets_is_scored_as_it_is_beside_the_other(characters) -> None:
+    model = stand_in(characters[2], "perfect", frames=3)
+    options = {"points": 300, "resolution": 8, "poses": ["seen"], "rows": ["nearest"]}
+    both = evaluate(model, **options).values
+    for kept, left in (IOUS, IOUS[::-1]):
+        one = evaluate(model, ious=[kept], **options).values
+        assert one["controls"] == {kind: {kept: scores[kept]} for kind, scores in both["controls"].items()}
+        for of_one, of_both in ((one["poses"], both["poses"]), (one["rows"]["nearest"], both["rows"]["nearest"])):
+            expected = {name: score for name, score in of_both["seen"].items() if name not in (left, "lookups")}
+            assert {name: score for name, score in of_one["seen"].items() if name != "lookups"} == expected
+    for wrong in ((), ("iou",)):
+        with pytest.raises(ValueError, match=r"^ious must be some of iou_bbox, iou_surface, got"):
+            evaluate(model, ious=wrong, **options)
+    with pytest.raises(ValueError, match=r"^distances are compared"):
+        evaluate(model, ious=["iou_bbox"], distances=True, **options | {"rows": ()})
 
 
 def test_the_json_is_that_of_the_protocol(characters) -> None:

@@ -318,3 +318,11 @@ def test_a_checkpoint_whose_steps_do_not_fit_is_refused(change: dict, bar, tmp_p
     write_archive(path, tensors, settings | change, kind=CHECKPOINT_KIND)
     with pytest.raises(FileFormatError, match="its numbers of steps do not fit; train without --resume"):
         fit(*bar, TINY, device="cpu", checkpoint=path, resume=True)
+
+
+def test_the_callers_random_numbers_are_left_alone(bar) -> None:
+    torch.manual_seed(5)
+    expected = torch.rand(3)
+    torch.manual_seed(5)
+    fit(*bar, TINY, steps=1, device="cpu")
+    assert torch.equal(torch.rand(3), expected)

@@ -1,4 +1,4 @@
-"""One check of array arguments, with one wording of what is wrong."""
+"""One check of array arguments, and the words of what is wrong."""
 
 import re
 from collections.abc import Sequence

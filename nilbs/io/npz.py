@@ -13,8 +13,6 @@ from nilbs.io.bounded import SIZE_LIMIT, file_bytes
 from nilbs.io.errors import FileFormatError
 from nilbs.io.npy import npy_array
 
-# A member may unpack to so many bytes and so many times its packed size: more is no table of weights, but a bomb.
-_ROOM, _RATIO = 2**26, 200
 _PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those that numpy writes
 # What the standard library raises for an archive that is cut, damaged or encrypted.
 _DAMAGES = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError, ValueError, OSError)
@@ -80,7 +78,7 @@ class NpzFile:
         member = None
         try:
             found = self._archive.NameToInfo.get(f"{name}.npy")
-            if found and found.compress_type in _PACKINGS and 0 < found.file_size <= _most_bytes(found):
+            if found and found.compress_type in _PACKINGS and 0 < found.file_size <= SIZE_LIMIT:
                 with self._archive.open(found) as file:
                     member = file.read(found.file_size)
         except _DAMAGES as error:
@@ -89,10 +87,6 @@ class NpzFile:
             there = listed([repr(other[:60]) for other in self.names]) or "nothing"
             raise FileFormatError(self.path, f"the file holds no array {name}, but {there}")
         if member is None:
-            size = f"{_most_bytes(found) >> 20} MiB, the most for its packed size"
-            raise FileFormatError(self.path, f"{name} is empty, packed in an unknown way or larger than {size}")
+            size = SIZE_LIMIT >> 30
+            raise FileFormatError(self.path, f"{name} is empty, larger than {size} GiB or packed in an unknown way")
         return npy_array(self.path, member, name)
-
-
-def _most_bytes(member: zipfile.ZipInfo) -> int:
-    return min(SIZE_LIMIT, _ROOM + _RATIO * member.compress_size)

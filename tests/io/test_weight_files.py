@@ -84,12 +84,9 @@ def test_npz_without_weights(tmp_path):
 
 def test_an_archive_that_unpacks_to_too_much(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", W=np.zeros((1000, 100)))
-    assert not read_weights(tmp_path / "a.npz").any()
-    for name, size in (("SIZE_LIMIT", 2**18), ("_ROOM", 2**10)):
-        with monkeypatch.context() as patch:
-            patch.setattr(module, name, size)
-            with pytest.raises(FileFormatError, match="W is empty, packed in an unknown way or larger than 0 MiB"):
-                read_weights(tmp_path / "a.npz")
+    monkeypatch.setattr(module, "SIZE_LIMIT", 2**18)
+    with pytest.raises(FileFormatError, match="W is empty, larger than"):
+        read_weights(tmp_path / "a.npz")
 
 
 def test_every_flipped_byte_is_read_as_before_or_refused(tmp_path):

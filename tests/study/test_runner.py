@@ -178,6 +178,24 @@ def test_a_worker_that_is_stopped_leaves_no_failure(store, tmp_path, monkeypatch
     assert not lines
 
 
+def test_a_stop_that_finds_no_process_yet_is_heard(store, tmp_path, monkeypatch) -> None:
+    store.folder.mkdir()
+    busy = tmp_path / "busy"
+    busy.write_text("#!/bin/sh\nsleep 60\n")
+    busy.chmod(0o755)
+    monkeypatch.setattr("nilbs.study.runner.sys.executable", str(busy))
+    start = Worker._start
+
+    def stopped_first(worker: Worker):
+        worker.stop()
+        return start(worker)
+
+    monkeypatch.setattr(Worker, "_start", stopped_first)
+    with Worker(store, None) as worker, pytest.raises(Stopped):
+        worker(Job("a", "twist", {}))
+    assert worker._process is None
+
+
 def test_progress_tells_the_number_the_time_and_what_is_left(store, pretender) -> None:
     lines: list[str] = []
     run(a_plan(), store, [pretender()], report=lines.append)
