@@ -13,22 +13,22 @@ ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")
 # surface at 128 cells; distances. Points and surfaces take longer with more bones where all of them are asked.
 _TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.0, 2.0, 5.0
 _POINTS_SECONDS = {
-    "nilbs": 0.9,
-    "nasa": 3.3,
-    "nasa-rigid": 2.5,
-    "snarf": 22.0,
+    "nilbs": 2.5,
+    "nasa": 2.8,
+    "nasa-rigid": 2.2,
+    "snarf": 50.0,
     "mlp": 1.4,
     "mesh-lbs": 1.2,
     "floor": 0.0,
-    "nearest": 1.6,
-    "rigid-parts": 6.0,
-    "all-bones": 11.0,
-    "inverse": 0.2,
-    "reverse": 0.2,
-    "one-search": 0.6,
-    "fixed-point": 0.6,
+    "nearest": 4.0,
+    "rigid-parts": 15.0,
+    "all-bones": 26.0,
+    "inverse": 0.8,
+    "reverse": 0.8,
+    "one-search": 1.5,
+    "fixed-point": 1.5,
 }
-_SURFACE_SECONDS = {"snarf": 46.0, "nasa": 8.0, "nasa-rigid": 6.0}
+_SURFACE_SECONDS = {"snarf": 60.0, "nasa": 8.0, "nasa-rigid": 6.0}
 _BONES = {"gingerbread-2d": 13, "gingerbread-3d": 13, "arm": 4, "elephant": 24, "makehuman": 163}
 
 
@@ -45,5 +45,5 @@ def scoring_seconds(character: str, method: str, spec: Mapping[str, Any]) -> flo
     seconds = (_TRUTH_SECONDS + _DISTANCE_SECONDS * spec["distances"]) * share
     for name in (method, *spec["rows"]):
         bones = _BONES[character] / _BONES["elephant"] if name in ASKS_BONES else 1.0
-        seconds += bones * (_POINTS_SECONDS.get(name, 1.0) * share + _SURFACE_SECONDS.get(name, 3.0) * cells)
+        seconds += bones * (_POINTS_SECONDS.get(name, 1.0) * share + _SURFACE_SECONDS.get(name, 6.0) * cells)
     return _START_SECONDS + poses * seconds

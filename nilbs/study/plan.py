@@ -33,8 +33,8 @@ SPARED = (
 )
 SPARED_OF = {
     "elephant": "The elephant's other mappings are scored in the ablation alone, of a model of its own",
-    "makehuman": "On MakeHuman's body NASA is scored on seen and unseen poses and SNARF on unseen ones, both without "
-    "surfaces; rigid parts and the search from all bones are left out",
+    "makehuman": "On MakeHuman's body NASA is scored on seen and unseen poses and SNARF at the points near the surface "
+    "of unseen ones, both without extracted surfaces; rigid parts and the search from all bones are left out",
 }
 SURFACE_SETS = ("seen", "unseen")
 # Characters whose surfaces rivals are worth, and the rivals whose are not.
@@ -116,7 +116,9 @@ def _score_method(
     if entry.method == "nilbs":
         rows = SURFACE_ROWS if entry.seed == 0 else ("inverse",)
     poses = _affordable(scale.poses, entry)
-    _score(scale, builder, training, f"{training.key}/scores", entry, poses=poses, rows=rows, only=only)
+    dear = entry.method in ASKS_ALL_BONES and entry.character in MANY_BONES
+    key = f"{training.key}/scores"
+    _score(scale, builder, training, key, entry, poses=poses, rows=rows, surface_alone=dear, only=only)
 
 
 def _affordable(poses: Sequence[str], entry: Entry) -> tuple[str, ...]:
