@@ -9,8 +9,9 @@ from nilbs.study.characters import SOURCES
 # What begins a search at every bone for every point, and what asks every bone without a search.
 ASKS_ALL_BONES = ("snarf", "all-bones")
 ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")
-# Seconds a pose on one thread, measured on the elephant: the truth and both point sets; the points of a row; its
-# surface at 128 cells; distances. Points and surfaces take longer with more bones where all of them are asked.
+# Seconds a pose on one thread of two, rounded from what jobs took, the elephant's where it has them: the truth and both
+# point sets; the points of a row; its surface at 128 cells; distances. Points and surfaces take
+# longer with more bones where all of them are asked.
 _TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.0, 2.0, 5.0
 _POINTS_SECONDS = {
     "nilbs": 2.5,

@@ -37,7 +37,7 @@ SPARED_OF = {
     "of unseen ones, both without extracted surfaces; rigid parts and the search from all bones are left out",
 }
 SURFACE_SETS = ("seen", "unseen")
-# Characters whose surfaces rivals are worth, and the rivals whose are not.
+# Characters of which rivals' surfaces are extracted, and the rivals that are left out of that.
 _RIVALS_SURFACES: Mapping[str, Sequence[str]] = {"gingerbread-2d": (), "elephant": ASKS_ALL_BONES}
 
 
@@ -147,7 +147,7 @@ def surfaces(scale: Scale, builder: Builder) -> None:
             _score(scale, builder, training, key, entry, poses=poses, resolution=cells, rows=("floor",))
         for name in TRAINED:
             if name != "nilbs" and name in _RIVALS_SURFACES.get(character, tuple(TRAINED)):
-                continue  # takes as long as everything else together
+                continue
             training = _training_of(scale, builder, character, name, 0)
             entry = Entry("surfaces", character, name, 0, "")
             key, rows = f"surfaces/{character}-{name}", SURFACE_ROWS if name == "nilbs" else ()
@@ -356,7 +356,7 @@ def _score(
 ) -> None:
     """Score a model, and enter its own row, where asked, and the others into the tables, or `only` some of them.
 
-    Where tables show the surface IoU alone, as those of sweeps, no other points are asked.
+    With `surface_alone` no points but those near the surface are asked: enough for a sweep's tables.
     """
     spec = {
         "training": training.key,

@@ -84,6 +84,8 @@ def test_what_asks_every_bone_is_spared_where_there_are_very_many(full) -> None:
     assert {"surfaces/elephant-nasa", "surfaces/gingerbread-2d-snarf"} <= set(full.by_key)
     snarf = full.by_key["makehuman/snarf/seed0/scores"]
     assert snarf.spec["poses"] == ["unseen"]
+    assert snarf.spec["ious"] == ["iou_surface"]
+    assert "ious" not in full.by_key["elephant/snarf/seed0/scores"].spec
     assert full.by_key["makehuman/nasa/seed0/scores"].spec["poses"] == ["seen", "unseen"]
     assert full.by_key["frames/elephant-snarf-10/scores"].spec["poses"] == ["unseen"]
     assert "all-bones" not in full.by_key["makehuman/nilbs/seed0/other-rows"].spec["rows"]

@@ -163,27 +163,27 @@ def test_two_at_once_wait_for_what_they_need(store, pretender) -> None:
     assert sorted(worker.did[1:]) == ["arm/far", "arm/scores"]
 
 
-def test_a_worker_that_is_stopped_leaves_no_failure(store, tmp_path, monkeypatch) -> None:
+@pytest.fixture
+def busy(store, tmp_path, monkeypatch) -> Worker:
+    """A worker whose process answers nothing for a minute."""
     store.folder.mkdir()
-    busy = tmp_path / "busy"
-    busy.write_text("#!/bin/sh\nsleep 60\n")
-    busy.chmod(0o755)
-    monkeypatch.setattr("nilbs.study.runner.sys.executable", str(busy))
+    program = tmp_path / "busy"
+    program.write_text("#!/bin/sh\nsleep 60\n")
+    program.chmod(0o755)
+    monkeypatch.setattr("nilbs.study.runner.sys.executable", str(program))
+    return Worker(store, None)
+
+
+def test_a_worker_that_is_stopped_leaves_no_failure(store, busy) -> None:
     job, lines = Job("a", "twist", {}), []
-    worker = Worker(store, None)
-    Timer(0.5, worker.stop).start()
+    Timer(0.5, busy.stop).start()
     with pytest.raises(Stopped):
-        run(Plan((job,), ()), store, [worker], report=lines.append)
+        run(Plan((job,), ()), store, [busy], report=lines.append)
     assert store.failure(job) is None
     assert not lines
 
 
-def test_a_stop_that_finds_no_process_yet_is_heard(store, tmp_path, monkeypatch) -> None:
-    store.folder.mkdir()
-    busy = tmp_path / "busy"
-    busy.write_text("#!/bin/sh\nsleep 60\n")
-    busy.chmod(0o755)
-    monkeypatch.setattr("nilbs.study.runner.sys.executable", str(busy))
+def test_a_stop_that_finds_no_process_yet_is_heard(busy, monkeypatch) -> None:
     start = Worker._start
 
     def stopped_first(worker: Worker):
@@ -191,7 +191,7 @@ def test_a_stop_that_finds_no_process_yet_is_heard(store, tmp_path, monkeypatch)
         return start(worker)
 
     monkeypatch.setattr(Worker, "_start", stopped_first)
-    with Worker(store, None) as worker, pytest.raises(Stopped):
+    with busy as worker, pytest.raises(Stopped):
         worker(Job("a", "twist", {}))
     assert worker._process is None
 
