@@ -29,7 +29,7 @@ def pushed_out(model: nilbs.Model, x: torch.Tensor, B: torch.Tensor, rng: np.ran
     L = model.character.L
     for done in range(ROUNDS):
         x = x.detach().requires_grad_()
-        distance = model.answer(x, B).distance
+        distance = model.answer(x, B).distance.to(x.device)
         near = distance < 0.5 * MARGIN * L
         if not near.any():
             break

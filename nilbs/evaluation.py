@@ -19,9 +19,8 @@ from nilbs.methods import build_field
 from nilbs.model import Model
 from nilbs.motion import Motion
 from nilbs.posed_model import PosedModel
-from nilbs.settings import MAPPINGS, NOISE, POINTS, POSE_SETS, RESOLUTION, ROWS, Settings
+from nilbs.settings import IOUS, MAPPINGS, NOISE, POINTS, POSE_SETS, RESOLUTION, ROWS, Settings
 
-IOUS = ("iou_bbox", "iou_surface")
 POSES = 10
 # Standard deviation in radians of each bone's local angle.
 UNSEEN_STD, FAR_STD = 0.28, 0.8
@@ -37,7 +36,7 @@ class Scores:
     ----------
     values : dict
         What JSON files of scores hold (schema 1): lengths in % of L; each score with its mean, its worst frame and all
-        frames.
+        frames. What is undefined in a frame, as distances to an empty surface are, has neither mean nor worst.
     """
 
     values: dict[str, Any]
@@ -122,22 +121,12 @@ def evaluate(
     """
     from tqdm import tqdm
 
-    for name in rows:
-        if name not in ROWS:
-            raise ValueError(f"{name!r} is none of {', '.join(ROWS)}")
-        if name in MAPPINGS and model.settings.method != "nilbs":
-            raise ValueError(f"the row {name!r} is of the method nilbs, and this model's is {model.settings.method}")
-    if distances and (model.settings.method != "nilbs" or set(rows) - {"floor", *MAPPINGS}):
-        raise ValueError("distances are compared for the method nilbs and its own rows only")
     if points < 1 or resolution == 1 or resolution < 0 or not noise >= 0:
         raise ValueError(
             "points must be at least 1, resolution 0 or at least 2, noise at least 0; "
             f"got {points}, {resolution}, {noise}"
         )
-    if not ious or set(ious) - set(IOUS):
-        raise ValueError(f"ious must be some of {', '.join(IOUS)}, got {', '.join(ious) or 'none'}")
-    if distances and "iou_surface" not in ious:
-        raise ValueError("distances are compared at the points of iou_surface, which must be scored too")
+    _refuse_what_cannot_be_scored(model.settings.method, rows, ious, distances=distances)
     frames = {name: evaluation_poses(model.character, model.motion, name, seed=seed) for name in poses}
     asked = {row: _asked(model, row) for row in ("", *rows)}
     results: dict[str, dict[str, list[dict[str, Any]]]] = {row: {name: [] for name in poses} for row in asked}
@@ -184,6 +173,20 @@ def evaluate(
             "rows": tables,
         }
     )
+
+
+def _refuse_what_cannot_be_scored(method: str, rows: Sequence[str], ious: Sequence[str], *, distances: bool) -> None:
+    for name in rows:
+        if name not in ROWS:
+            raise ValueError(f"{name!r} is none of {', '.join(ROWS)}")
+        if name in MAPPINGS and method != "nilbs":
+            raise ValueError(f"the row {name!r} is of the method nilbs, and this model's is {method}")
+    if distances and (method != "nilbs" or set(rows) - {"floor", *MAPPINGS}):
+        raise ValueError("distances are compared for the method nilbs and its own rows only")
+    if not ious or set(ious) - set(IOUS):
+        raise ValueError(f"ious must be some of {', '.join(IOUS)}, got {', '.join(ious) or 'none'}")
+    if distances and "iou_surface" not in ious:
+        raise ValueError("distances are compared at the points of iou_surface, which must be scored too")
 
 
 def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: int) -> np.ndarray:
@@ -347,9 +350,10 @@ def _summary(frames: list[dict[str, Any]]) -> dict[str, Any]:
     summary = {}
     for name in names:
         values = [scores[name] for scores in frames]
-        known = [float(value) for value in values if value is not None]
-        worst = (min if name in HIGHER_IS_BETTER else max)(known, default=None)
-        summary[name] = {"mean": float(np.mean(known)) if known else None, "worst": worst, "frames": values}
+        mean = worst = None
+        if None not in values:  # a mean over some of the frames would hide those where there is no surface
+            mean, worst = float(np.mean(values)), float((min if name in HIGHER_IS_BETTER else max)(values))
+        summary[name] = {"mean": mean, "worst": worst, "frames": values}
     return summary
 
 

@@ -279,7 +279,7 @@ class Model:
         Parameters
         ----------
         x : (n, d) tensor
-            Posed points, in mesh units, on the field's device.
+            Posed points, in mesh units, on any device; answers are on the field's.
         pose : (b, d+1, d+1) tensor
             Bone transforms, rest to posed.
         mapping

@@ -1,12 +1,13 @@
 import json
 import math
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 import pytest
 
 from nilbs.character import Character
-from nilbs.evaluation import IOUS, POSE_SETS, evaluate, evaluation_poses
+from nilbs.evaluation import evaluate, evaluation_poses
 from nilbs.fields.mesh_lbs import MeshLbs
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
@@ -15,7 +16,7 @@ from nilbs.geometry.kinematics import local_rotations
 from nilbs.geometry.rotations import rotation_matrices
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.motion import Motion, random_motion
-from nilbs.settings import Settings
+from nilbs.settings import IOUS, POSE_SETS, Settings
 
 SCORES = {
     "iou_bbox", "iou_surface", "chamfer_l1", "chamfer_l1_sampled", "hausdorff", "p95", "normal_consistency", "f_score",
@@ -84,11 +85,12 @@ def test_a_perfect_an_empty_and_an_inverted_prediction(d: int, characters) -> No
     seen = evaluate(model, points=800, resolution=24, poses=["seen"]).values["poses"]["seen"]
     assert seen["iou_bbox"]["frames"] == [1, 0, 0]
     assert seen["iou_surface"]["frames"] == [1, 0, 0]
-    # What an empty mesh has not is null, in a frame; the mean is of the others.
+    # What an empty mesh has not is null, in a frame and of all.
     for name in ("chamfer_l1", "hausdorff", "p95", "normal_consistency"):
         perfect, empty, inverted = seen[name]["frames"]
         assert empty is None
-        assert seen[name]["mean"] == pytest.approx((perfect + inverted) / 2)
+        assert None not in (perfect, inverted)
+        assert seen[name]["mean"] is None
     assert seen["chamfer_l1"]["frames"][0] < 1
     assert seen["normal_consistency"]["frames"][0] > 0.9
     assert seen["normal_consistency"]["frames"][2] < 0.5
@@ -115,6 +117,26 @@ def test_a_prediction_that_is_always_empty_has_scores_without_a_value(characters
     chamfer = scores.values["poses"]["seen"]["chamfer_l1"]
     assert chamfer == {"mean": None, "worst": None, "frames": [None, None, None]}
     assert " - " in str(scores)
+
+
+def test_a_mean_over_frames_without_a_surface_is_not_told(characters) -> None:
+    model = stand_in(characters[2], "perfect", "empty", "perfect")
+    seen = evaluate(model, points=100, resolution=8, poses=["seen"]).values["poses"]["seen"]
+    assert [frame is None for frame in seen["chamfer_l1"]["frames"]] == [False, True, False]
+    assert (seen["chamfer_l1"]["mean"], seen["chamfer_l1"]["worst"]) == (None, None)
+    assert seen["components"]["worst"] >= 1
+    assert seen["components"]["frames"][1] == 0
+    assert seen["iou_bbox"]["mean"] == pytest.approx(2 / 3)
+
+
+def test_seconds_are_of_as_many_points_and_share_the_time_to_be_told_a_pose(characters, monkeypatch) -> None:
+    model, clock = stand_in(characters[2], "perfect", frames=3), count()
+    monkeypatch.setattr("nilbs.evaluation.perf_counter", lambda: next(clock))  # every question takes a second
+    for ious in (IOUS, IOUS[:1]):
+        scores = evaluate(model, points=50, resolution=0, poses=["seen"], rows=["floor", "nearest"], ious=ious)
+        # 50 points of each set in a second are 100,000 in 2000 seconds, or in half of it where two sets share it.
+        expected = 2000 / len(ious)
+        assert scores.values["query_seconds"] == {"": expected, "nearest": expected}
 
 
 def test_the_worst_frame_is_the_lowest_or_the_highest(characters) -> None:

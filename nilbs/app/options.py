@@ -62,7 +62,12 @@ def add_pose(parser: argparse.ArgumentParser) -> None:
     """Add --motion with --frame or --time, which name a pose of a model."""
     add_motion(parser, "the motion that the model was trained on")
     when = parser.add_mutually_exclusive_group(required=True)
-    when.add_argument("--frame", type=whole(0), metavar="K", help="number of the frame in that motion, from 0")
+    when.add_argument(
+        "--frame",
+        type=whole(0),
+        metavar="K",
+        help="number of the frame, from 0: of the training frames, or of all in --motion",
+    )
     when.add_argument(
         "--time",
         type=not_negative,

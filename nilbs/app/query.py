@@ -10,7 +10,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
     parser.add_argument("points", metavar="POINTS.npy", help="posed points, an array (n, d)")
     add_pose(parser)
-    parser.add_argument("--distance", action="store_true", help="signed distance, negative inside, not occupancy")
+    parser.add_argument(
+        "--distance",
+        action="store_true",
+        help="signed distance in mesh units, negative inside, not occupancy; read at the rest image, so that it is the "
+        "rest shape's",
+    )
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the (n,) values to write, .npy")
     add_json(parser)
 

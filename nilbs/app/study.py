@@ -1,9 +1,15 @@
 """`nilbs study`: train and score every method on the same characters, and report."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from nilbs.app.options import add_json, positive, whole
 from nilbs.study.plan import PARTS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from nilbs.study.scale import Scale
 
 MINUTES, SEEDS = 5.0, 3
 
@@ -58,38 +64,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+def _scale(args: argparse.Namespace, data: "Path | None") -> "tuple[Scale, list[str]]":
+    """How much is asked for, and sentences on the characters that are not there."""
+    from pathlib import Path
+
+    from nilbs.study.characters import available, made_of
+    from nilbs.study.scale import full_scale, quick_scale
+
+    for option, value in (("--minutes", args.minutes), ("--seeds", args.seeds)):
+        if args.quick and value is not None:
+            raise ValueError(f"{option} cannot stand beside --quick, which does everything once")
+    if args.data and not Path(args.data).is_dir():
+        raise ValueError(f"{args.data}: this is no folder; --data names one that holds arm/, elephant/ and makehuman/")
+    if args.quick:
+        return quick_scale(), []
+    characters, left_out = available(data)
+    digests = {name: made_of(source, data) for name, source in characters.items()}
+    scale = full_scale(list(characters), minutes=args.minutes or MINUTES, seeds=args.seeds or SEEDS, made_of=digests)
+    return scale, left_out
+
+
 def run(args: argparse.Namespace) -> None:
     """Plan, run what is not done, and write the tables, also when stopped."""
     import os
+    import sys
     from contextlib import ExitStack
     from pathlib import Path
 
     from nilbs.app.output import show
     from nilbs.app.poses import tell
     from nilbs.io import check_writable
-    from nilbs.study.characters import available, made_of
-    from nilbs.study.outputs import FILES, command_line, cores, write_outputs
+    from nilbs.study.outputs import FILES, cores, write_outputs
     from nilbs.study.plan import plan
     from nilbs.study.runner import Worker, estimate
     from nilbs.study.runner import run as run_jobs
-    from nilbs.study.scale import full_scale, quick_scale
     from nilbs.study.store import FOLDERS, Store
 
-    for option, value in (("--minutes", args.minutes), ("--seeds", args.seeds)):
-        if args.quick and value is not None:
-            raise ValueError(f"{option} cannot stand beside --quick, which does everything once")
     given = args.data or os.environ.get("NILBS_DATA")
     data = Path(given) if given and not args.quick else None
-    if args.data and not Path(args.data).is_dir():
-        raise ValueError(f"{args.data}: this is no folder; --data names one that holds arm/, elephant/ and makehuman/")
-    characters, left_out = available(data)
-    if args.quick:
-        scale, left_out = quick_scale(), []
-    else:
-        digests = {name: made_of(source, data) for name, source in characters.items()}
-        scale = full_scale(
-            list(characters), minutes=args.minutes or MINUTES, seeds=args.seeds or SEEDS, made_of=digests
-        )
+    scale, left_out = _scale(args, data)
     study = plan(scale, left_out)
     store = Store(Path(args.out).resolve())
     for name in FOLDERS:
@@ -98,9 +111,8 @@ def run(args: argparse.Namespace) -> None:
         check_writable(store.folder / name)
 
     def write() -> dict:
-        return write_outputs(
-            study, store, scale, command=command_line(), quick=args.quick, lanes=lanes, threads=threads
-        )
+        command = ["nilbs", *sys.argv[1:]]
+        return write_outputs(study, store, scale, command=command, quick=args.quick, lanes=lanes, threads=threads)
 
     for line in study.missing:
         tell(line)

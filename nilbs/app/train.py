@@ -41,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=tuple(METHODS),
         default="nilbs",
         metavar="NAME",
-        help=f"how to learn the field, one of {', '.join(METHODS)}; all but nilbs (default) are rivals",
+        help=f"how to learn the field, one of {', '.join(METHODS)}; nilbs is the default, mesh-lbs the truth that "
+        "scores compare with, the others are rivals",
     )
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
@@ -59,7 +60,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--supervision",
         choices=("volume", "paper"),
         default="volume",
-        help="where weights are known: in the rest volume, posed (default), or as in the paper on the rest surface",
+        help="volume (default): weights are known in the rest volume, in posed and in random poses; paper: both losses "
+        "as in the paper, weights known on the rest surface in the rest pose, and settings of nilbs's own not read",
     )
     parser.add_argument("--resume", action="store_true", help="go on from MODEL.checkpoint, if it exists")
     parser.add_argument(

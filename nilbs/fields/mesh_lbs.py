@@ -1,4 +1,4 @@
-"""Mesh linear blend skinning: the truth, and the reference that a field's surface cannot beat on a given grid."""
+"""Mesh linear blend skinning: the truth, and its own surface on a grid, which a field's is compared with."""
 
 import numpy as np
 

@@ -29,14 +29,15 @@ class NasaField(Field):
 
     Differs from the paper:
 
-    - The largest part is taken as it is; the authors' code can also take a mean of the parts, weighted by a softmax.
+    - The largest part is taken as it is, as in the paper; the authors' code by default takes a mean of the parts,
+      weighted by a softmax.
     - A bone's frame is its rest frame moved to the bone's first joint; its axes are not turned along the bone. A first
       layer can do that itself.
     - The first layer begins with larger weights for the point, so that a few thousand steps are enough.
     - A part's layers are 40 units wide for any number of parts, where the authors' code shares 960 units among them.
     - What it is trained for is `OccupancyTerm` and `NasaWeightTerm`: occupancies are compared by cross-entropy, where
-      the paper compares them by squared difference; the authors' code has one loss more, on the parts' size, that is
-      not here.
+      the paper compares them by squared difference, and the weight loss counts as it is, where the authors' code takes
+      half of it; that has one loss more, on the parts' size, that is not here.
     - Matrices are trained by Muon (`train`), as every network here.
 
     Parameters

@@ -68,7 +68,7 @@ class SnarfField(Field):
       authors' code leaves out the derivative of the weights when it does not train.
     - Roots that several searches find are taken once, and a search begins from every bone; the authors' code leaves out
       some bones of its human body.
-    - Matrices are trained by Muon (`train`), as every network here, where the authors take Adam.
+    - Matrices are trained by Muon (`train`), as every network here, where the authors take Adam and clip gradients.
     - Poses are relative to the root bone and lengths in units of the body, thresholds of the search included.
 
     References

@@ -16,14 +16,11 @@ _LINES = {
     "inverse": ("#0072b2", "--"),
     "nilbs, no random poses: inverse": ("#56b4e9", "--"),
     "reverse": ("#d55e00", "--"),
-    "paper": ("#e69f00", "--"),
     "nasa": ("#d55e00", "-"),
-    "nasa-rigid": ("#d55e00", ":"),
     "snarf": ("#009e73", "-"),
     "mlp": ("#cc79a7", "-"),
     "lbs": ("#333333", ":"),
     "nearest": ("#888888", ":"),
-    "rigid-parts": ("#888888", "-."),
 }
 _OTHERS = ("#000000", "#666666", "#999999")
 _TITLES = {

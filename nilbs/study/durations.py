@@ -5,37 +5,38 @@ from typing import Any
 
 from nilbs.settings import POINTS, RESOLUTION
 from nilbs.study.characters import SOURCES
+from nilbs.study.scale import ASKS_BONES
 
-# What begins a search at every bone for every point, and what asks every bone without a search.
-ASKS_ALL_BONES = ("snarf", "all-bones")
-ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")
 # Seconds a pose on one thread of two, rounded from what jobs took, the elephant's where it has them: the truth and both
-# point sets; the points of a row; its surface at 128 cells; distances. Points and surfaces take
-# longer with more bones where all of them are asked.
-_TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.0, 2.0, 5.0
+# point sets; the points of a row; its surface at 128 cells; distances. Points and surfaces take longer with more bones
+# where all of them are asked.
+_TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.3, 2.0, 5.0
 _POINTS_SECONDS = {
     "nilbs": 2.5,
     "nasa": 2.8,
     "nasa-rigid": 2.2,
     "snarf": 50.0,
-    "mlp": 1.4,
-    "mesh-lbs": 1.2,
+    "mlp": 2.0,
+    "mesh-lbs": 2.5,
     "floor": 0.0,
     "nearest": 4.0,
     "rigid-parts": 15.0,
-    "all-bones": 26.0,
-    "inverse": 0.8,
-    "reverse": 0.8,
-    "one-search": 1.5,
-    "fixed-point": 1.5,
+    "all-bones": 42.0,
+    "inverse": 1.2,
+    "reverse": 1.2,
+    "one-search": 2.4,
+    "fixed-point": 2.4,
 }
+_GRID_SECONDS = 40.0
 _SURFACE_SECONDS = {"snarf": 60.0, "nasa": 8.0, "nasa-rigid": 6.0}
 _BONES = {"gingerbread-2d": 13, "gingerbread-3d": 13, "arm": 4, "elephant": 24, "makehuman": 163}
 
 
-def training_seconds(minutes: float | None, frames: int) -> float:
-    """Of a training, with its frames labelled."""
-    return 60 * (minutes or 0.02) + 0.15 * frames + _START_SECONDS
+def training_seconds(method: str, minutes: float | None, frames: int) -> float:
+    """Of a training, with its frames labelled and its grids filled; without minutes, of a quick one."""
+    if minutes is None:
+        return _START_SECONDS
+    return 60 * minutes + 0.2 * frames + _START_SECONDS + (_GRID_SECONDS if method == "nilbs" else 0.0)
 
 
 def scoring_seconds(character: str, method: str, spec: Mapping[str, Any]) -> float:

@@ -1,6 +1,6 @@
 """Where linear blend skinning and its learned inverse fail: pictures, with what was measured while drawing them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,20 +26,20 @@ from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import Section, View
 from nilbs.geometry.diagnosis import enclosed_volume
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.metrics import intersection_over_union
 from nilbs.geometry.occupancy import occupancy, winding_number
 from nilbs.geometry.skeleton import skeleton_of_bones
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.settings import RESOLUTION
-from nilbs.study.twist import EDGES_AROUND, twist_model, twist_motion
+from nilbs.study.twist import EDGES_AROUND, MAPS, turned, twist_model, twist_motion
 
 if TYPE_CHECKING:
     from nilbs.character import Character
     from nilbs.model import Model
-    from nilbs.motion import Motion
 
 Failure = tuple[str, str, Path]
+
+_NAMES = {"inverse": "inverse map", "reverse": "reverse map", "search": "root search"}
 
 TWISTS = (90.0, 170.0)  # degrees
 STRIPES = 4  # around the twisted body, painted at rest
@@ -113,13 +113,13 @@ def failure_figures(
     touching = models.get("gingerbread")
     if touching is None:
         man = gingerbread_man()
-        touching = fit(man, _turned(man, ARM, np.linspace(0, TURNS[-1], SWING_FRAMES)), **options)
+        touching = fit(man, turned(man, ARM, np.linspace(0, TURNS[-1], SWING_FRAMES)), **options)
     figures.append(_self_contact(touching, folder / "self-contact.png"))
     finned = models.get("fins")
     if finned is None:
         bar = finned_bar()
         finned = fit(
-            bar, _turned(bar, 1, np.linspace(-BEND, BEND, SWING_FRAMES)), **{"cache_resolution": FIN_CELLS, **options}
+            bar, turned(bar, 1, np.linspace(-BEND, BEND, SWING_FRAMES)), **{"cache_resolution": FIN_CELLS, **options}
         )
     figures.append(_thin_parts(finned, folder / "thin-parts.png", resolution, np.random.default_rng(seed)))
     return figures
@@ -183,51 +183,25 @@ def _bar_weights(x_rest: np.ndarray) -> np.ndarray:
     return np.column_stack([1 - right, right])
 
 
-def _turned(character: "Character", bone: int, degrees: np.ndarray) -> "Motion":
-    """One bone of a flat character turned, an angle a frame."""
-    from nilbs.motion import Motion
-
-    c = character
-    theta = np.zeros((len(degrees), len(c.BE), 1))
-    theta[:, bone, 0] = np.radians(degrees)
-    B = forward_kinematics(c.C, c.BE, c.P, theta)
-    return Motion(B, np.arange(len(B)), f"bone {c.names[bone]} turned", skeleton=c.skeleton)
-
-
 def _candy_wrapper(model: "Model", path: Path, resolution: int) -> Failure:
     character = model.character
-    rest = enclosed_volume(character.V, character.F)
     figure, panels = sheet(2, 4, title="A limb twisted about its own axis", width=2.1, height=3.3, beside=0.1)
-    view = View.front(character.V).turned(azimuth=0, elevation=12)
-    paint = ScalarMappable(cmap=LinearSegmentedColormap.from_list("stripes", [BODY, DARK]))
-    paint.set_clim(0.3, 0.7)
-    told = {}
+    rest = enclosed_volume(character.V, character.F)
+    sentences = []
     for row, degrees in zip(panels, TWISTS, strict=True):
-        pose = twist_motion(character, [degrees])[0]
-        U = character.skin(pose)
-        grid = Grid.cube(U, resolution)
-        found = {"skinned mesh": (U, character.F, character.V)}
-        for mapping in ("inverse", "reverse", "search"):
-            posed = model.posed(pose, mapping=mapping)
-            U, F = posed.extract_on(grid)
-            found[mapping] = U, F, posed.rest_points(U)
-        height = 0.54 * character.L
+        found = _twisted(model, degrees, resolution)
+        kept = {name: enclosed_volume(U, F) / rest for name, (U, F, _) in found.items()}
         for panel, (name, (U, F, x_rest)) in zip(row, found.items(), strict=True):
-            draw_body(panel, view, U, F, values=_stripes(x_rest, character), colours=paint)
-            volume = told[name, degrees] = enclosed_volume(U, F) / rest
-            label = {"inverse": "inverse map", "reverse": "reverse map", "search": "root search"}.get(name, name)
-            middle = view.project((character.V.min(axis=0) + character.V.max(axis=0)) / 2)
-            half = np.array([0.34 * character.L, height])
-            plain(panel, title=f"{label}\nvolume {volume:.3f} of rest", lower=middle - half, upper=middle + half)
+            _draw_striped(
+                panel, character, U, F, x_rest, title=f"{_NAMES.get(name, name)}\nvolume {kept[name]:.3f} of rest"
+            )
         row[0].set_ylabel(f"twisted by {degrees:g}°", fontsize=9)
+        sentences.append(
+            f"Twisted by {degrees:g}°, linear blend skinning keeps {kept['skinned mesh']:.1%} of the volume: the candy "
+            f"wrapper. The inverse map (eq. 6) gives {kept['inverse']:.1%} and the root search {kept['search']:.1%}; "
+            f"the reverse map, which blends the bones' inverses, gives {kept['reverse']:.1%}."
+        )
     write_png(figure, path)
-    sentences = [
-        f"Twisted by {degrees:g}°, linear blend skinning keeps {told['skinned mesh', degrees]:.1%} of the volume: the "
-        f"candy wrapper. The inverse map (eq. 6) gives {told['inverse', degrees]:.1%} and the root search "
-        f"{told['search', degrees]:.1%}; the reverse map, which blends the bones' inverses, gives "
-        f"{told['reverse', degrees]:.1%}."
-        for degrees in TWISTS
-    ]
     caption = (
         f"Stripes painted along the body at rest show how it turns. {' '.join(sentences)} What skinning lost is no "
         "fault of an inverse, and none can mend it: a good one gives back the thin waist. The reverse map moves posed "
@@ -235,6 +209,31 @@ def _candy_wrapper(model: "Model", path: Path, resolution: int) -> Failure:
         "should be thin; what would swell beyond the cube around the body is cut off and not counted."
     )
     return "The candy wrapper", caption, path
+
+
+def _twisted(model: "Model", degrees: float, resolution: int) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """The skinned mesh and what each map reconstructs of it: vertices, facets and the vertices' rest images."""
+    character = model.character
+    pose = twist_motion(character, [degrees])[0]
+    U = character.skin(pose)
+    grid, found = Grid.cube(U, resolution), {"skinned mesh": (U, character.F, character.V)}
+    for mapping in MAPS:
+        posed = model.posed(pose, mapping=mapping)
+        U, F = posed.extract_on(grid)
+        found[mapping] = U, F, posed.rest_points(U)
+    return found
+
+
+def _draw_striped(
+    panel: Any, character: "Character", U: np.ndarray, F: np.ndarray, x_rest: np.ndarray, *, title: str
+) -> None:
+    view = View.front(character.V).turned(azimuth=0, elevation=12)
+    paint = ScalarMappable(cmap=LinearSegmentedColormap.from_list("stripes", [BODY, DARK]))
+    paint.set_clim(0.3, 0.7)
+    draw_body(panel, view, U, F, values=_stripes(x_rest, character), colours=paint)
+    middle = view.project((character.V.min(axis=0) + character.V.max(axis=0)) / 2)
+    half = np.array([0.34, 0.54]) * character.L
+    plain(panel, title=title, lower=middle - half, upper=middle + half)
 
 
 def _stripes(x_rest: np.ndarray, character: "Character") -> np.ndarray:
@@ -247,38 +246,20 @@ def _stripes(x_rest: np.ndarray, character: "Character") -> np.ndarray:
 def _self_contact(model: "Model", path: Path) -> Failure:
     character = model.character
     figure, panels = sheet(2, 3, title="An arm that is turned into the body", width=3.1, height=3.1, beside=0.1)
-    view = View.front(character.V)
-    palette = np.array([[to_rgb(OUTSIDE), to_rgb(FALSE_INSIDE)], [to_rgb(FALSE_OUTSIDE), to_rgb(RIGHT_INSIDE)]])
     sentences = []
     for row, degrees in zip(panels, TURNS, strict=True):
-        pose = _turned(character, ARM, np.array([degrees]))[0]
+        pose = turned(character, ARM, [degrees])[0]
         U = character.skin(pose)
-        section = Section.through(view, U, scale=1.15, pixels=PIXELS)
+        section = Section.through(View.front(character.V), U, scale=1.15, pixels=PIXELS)
         x = section.points()
         times = np.clip(np.abs(winding_number(U, character.F, x)).round(), 0, 2).astype(int)
-        true = times > 0
-        shown = section.image(np.array([to_rgb(OUTSIDE), to_rgb(ONCE), to_rgb(TWICE)])[times])
-        row[0].imshow(shown, origin="lower", extent=section.extent, interpolation="nearest")
-        plain(row[0], title=f"truth: {np.mean(times[true] == 2):.1%} is covered twice")
+        found = {mapping: model.occupancy(x, pose, mapping=mapping) > 0.5 for mapping in ("inverse", "search")}
+        _draw_contact(row, section, times, found)
         row[0].set_ylabel(f"arm turned by {abs(degrees):g}°", fontsize=9)
-        parts = []
-        for panel, (mapping, name) in zip(
-            row[1:], {"inverse": "inverse map", "search": "root search"}.items(), strict=True
-        ):
-            inside = model.occupancy(x, pose, mapping=mapping) > 0.5
-            colours = section.image(palette[true.astype(int), inside.astype(int)])
-            panel.imshow(colours, origin="lower", extent=section.extent, interpolation="nearest")
-            score = intersection_over_union(inside, true)
-            plain(panel, title=f"{name}: IoU of the pixels {score:.4f}")
-            twice = f" and {np.mean(inside[times == 2]):.1%} of what is covered twice" if (times == 2).any() else ""
-            wrong = np.count_nonzero(inside != true) / np.count_nonzero(true)
-            parts.append(
-                f"the {name} finds {np.mean(inside[times == 1]):.1%} of what is covered once{twice}, and its wrong "
-                f"pixels amount to {wrong:.2%} of the body"
-            )
         for panel in row:
             panel.add_collection(LineCollection(list(U[character.F]), colors=INK, linewidths=0.5))
-        sentences.append(f"Arm turned by {abs(degrees):g}°: {'; '.join(parts)}.")
+        parts = "; ".join(_told_of_contact(_NAMES[mapping], times, inside) for mapping, inside in found.items())
+        sentences.append(f"Arm turned by {abs(degrees):g}°: {parts}.")
     keys = [
         Patch(facecolor=ONCE, label="inside (covered once)"),
         Patch(facecolor=TWICE, label="covered twice"),
@@ -297,50 +278,63 @@ def _self_contact(model: "Model", path: Path) -> Failure:
     return "Self-contact", caption, path
 
 
+def _draw_contact(row: Any, section: Section, times: np.ndarray, found: Mapping[str, np.ndarray]) -> None:
+    """How often the pixels are covered (0, 1, 2), and what maps say of them."""
+
+    def draw(panel: Any, colours: np.ndarray, title: str) -> None:
+        panel.imshow(section.image(colours), origin="lower", extent=section.extent, interpolation="nearest")
+        plain(panel, title=title)
+
+    true = times > 0
+    share = np.mean(times[true] == 2)
+    draw(
+        row[0], np.array([to_rgb(OUTSIDE), to_rgb(ONCE), to_rgb(TWICE)])[times], f"truth: {share:.1%} is covered twice"
+    )
+    palette = np.array([[to_rgb(OUTSIDE), to_rgb(FALSE_INSIDE)], [to_rgb(FALSE_OUTSIDE), to_rgb(RIGHT_INSIDE)]])
+    for panel, (mapping, inside) in zip(row[1:], found.items(), strict=True):
+        score = intersection_over_union(inside, true)
+        draw(panel, palette[true.astype(int), inside.astype(int)], f"{_NAMES[mapping]}: IoU of the pixels {score:.4f}")
+
+
+def _told_of_contact(name: str, times: np.ndarray, inside: np.ndarray) -> str:
+    """How much of what is covered once and twice a map finds, in words.
+
+    Examples
+    --------
+    >>> _told_of_contact("map", np.array([0, 1, 1]), np.array([True, True, False]))
+    'the map finds 50.0% of what is covered once, and its wrong pixels amount to 100.00% of the body'
+    """
+    twice = f" and {np.mean(inside[times == 2]):.1%} of what is covered twice" if (times == 2).any() else ""
+    wrong = np.count_nonzero(inside != (times > 0)) / np.count_nonzero(times)
+    return (
+        f"the {name} finds {np.mean(inside[times == 1]):.1%} of what is covered once{twice}, and its wrong pixels "
+        f"amount to {wrong:.2%} of the body"
+    )
+
+
 def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Generator) -> Failure:
     from nilbs.rest_state import PARTS
 
     character = model.character
-    pose = _turned(character, 1, np.array([-BEND]))[0]
+    pose = turned(character, 1, [-BEND])[0]
     U_true = character.skin(pose)
     finest = model.settings.cache_resolution * prod(PARTS[1:])
     cache, grid = Grid.box(character.V, finest).spacing, Grid.cube(U_true, resolution)
     U, F = model.posed(pose).extract_on(grid)
-    asked, extracted = [], []
-    for fin in range(len(FINS)):
-        low, high = _fin_base(fin)
-        y = rng.uniform(0, FIN_HEIGHT, FIN_POINTS)
-        x_rest = np.column_stack([rng.uniform(low, high, FIN_POINTS) + SLANT * y, y])
-        x = linear_blend_skinning(x_rest, _bar_weights(x_rest), pose)
-        asked.append(float(np.mean(model.occupancy(x, pose) > 0.5)))
-        extracted.append(float(np.mean(occupancy(U, F, x))) if len(F) else 0.0)
+    asked, extracted = _found_of_fins(model, pose, U, F, rng)
 
     figure, panels = sheet(2, 2, title="Fins that are as thin as the grids' cells", width=4.6, height=3.0, beside=0.1)
-    truth, field, surface, chart = panels.ravel()
-    view = View.front(character.V)
-    section = Section.through(view, U_true, scale=1.05, pixels=FIN_PIXELS)
-    lower, upper = view.project(U_true).min(axis=0), view.project(U_true).max(axis=0)
-    margin = 0.03 * section.edge
-    inside = model.occupancy(section.points(), pose) > 0.5
-    draw_body(truth, view, U_true, character.F)
-    colours = np.array([to_rgb(OUTSIDE), to_rgb(BODY)])[inside.astype(int)]
-    field.imshow(section.image(colours), origin="lower", extent=section.extent, interpolation="antialiased")
-    draw_body(surface, view, U, F)
-    titles = (
-        "skinned mesh",
-        f"field, asked at {section.pixels} × {section.pixels} pixels",
-        f"surface extracted on {resolution} × {resolution} cells",
-    )
-    for panel, title in zip((truth, field, surface), titles, strict=True):
-        plain(panel, title=title, lower=lower - margin, upper=upper + margin)
-    thickness = 100 * np.array(FINS) / character.L
-    chart.semilogx(thickness, 100 * np.array(asked), "o-", color="#0072b2", markersize=3, label="field")
-    chart.semilogx(thickness, 100 * np.array(extracted), "s-", color="#d55e00", markersize=3, label="extracted surface")
-    for cell, colour, name in ((cache, "#0072b2", "cache's finest"), (grid.spacing, "#d55e00", "extraction's")):
-        chart.axvline(
-            100 * cell / character.L, color=colour, linestyle=":", linewidth=1, label=f"edge of the {name} cell"
-        )
-    ticks = thickness[[0, 2, 4, 6, 8]]
+    *shapes, chart = panels.ravel()
+    _draw_fins(shapes, model, pose, U_true, U, F, resolution)
+    L, thickness = character.L, np.array(FINS)
+    for parts, cell, colour, style, name, whose in (
+        (asked, cache, "#0072b2", "o-", "field", "cache's finest"),
+        (extracted, grid.spacing, "#d55e00", "s-", "extracted surface", "extraction's"),
+    ):
+        chart.semilogx(100 * thickness / L, 100 * parts, style, color=colour, markersize=3, label=name)
+        edge = f"edge of the {whose} cell"
+        chart.axvline(100 * cell / L, color=colour, linestyle=":", linewidth=1, label=edge)
+    ticks = 100 * thickness[[0, 2, 4, 6, 8]] / L
     chart.set_xticks(ticks, [f"{tick:g}" for tick in ticks], fontsize=7)
     chart.set_xticks([], minor=True)
     chart.tick_params(axis="y", labelsize=7)
@@ -350,10 +344,9 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
     chart.legend(fontsize=7, frameon=False, loc="lower right")
     write_png(figure, path)
 
-    def listed(edge: float, parts: list[float]) -> str:
-        return ", ".join(f"{thickness / edge:.2g} ({part:.0%})" for thickness, part in zip(FINS, parts, strict=True))
+    def listed(edge: float, parts: np.ndarray) -> str:
+        return ", ".join(f"{fin / edge:.2g} ({part:.0%})" for fin, part in zip(FINS, parts, strict=True))
 
-    L = character.L
     caption = (
         f"A bar with {len(FINS)} fins, bent by {BEND:g}°. The rest distance is known on a grid with cells of "
         f"{cache / L:.3%} of L where it bends, and the surface is extracted on one with cells of "
@@ -365,3 +358,47 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
         "extraction; the others need a finer cache (the setting cache_resolution)."
     )
     return "Thin parts", caption, path
+
+
+def _found_of_fins(
+    model: "Model", pose: np.ndarray, U: np.ndarray, F: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Shares of each fin that the field finds, and that an extracted surface holds: by points inside the fin."""
+    asked, extracted = np.zeros(len(FINS)), np.zeros(len(FINS))
+    for fin in range(len(FINS)):
+        low, high = _fin_base(fin)
+        y = rng.uniform(0, FIN_HEIGHT, FIN_POINTS)
+        x_rest = np.column_stack([rng.uniform(low, high, FIN_POINTS) + SLANT * y, y])
+        x = linear_blend_skinning(x_rest, _bar_weights(x_rest), pose)
+        asked[fin] = np.mean(model.occupancy(x, pose) > 0.5)
+        extracted[fin] = np.mean(occupancy(U, F, x)) if len(F) else 0.0
+    return asked, extracted
+
+
+def _draw_fins(
+    panels: Sequence[Any],
+    model: "Model",
+    pose: np.ndarray,
+    U_true: np.ndarray,
+    U: np.ndarray,
+    F: np.ndarray,
+    resolution: int,
+) -> None:
+    """The skinned mesh, the field at the picture's pixels, and an extracted surface."""
+    truth, field, surface = panels
+    view = View.front(model.character.V)
+    section = Section.through(view, U_true, scale=1.05, pixels=FIN_PIXELS)
+    inside = model.occupancy(section.points(), pose) > 0.5
+    colours = np.array([to_rgb(OUTSIDE), to_rgb(BODY)])[inside.astype(int)]
+    draw_body(truth, view, U_true, model.character.F)
+    field.imshow(section.image(colours), origin="lower", extent=section.extent, interpolation="antialiased")
+    draw_body(surface, view, U, F)
+    titles = (
+        "skinned mesh",
+        f"field, asked at {section.pixels} × {section.pixels} pixels",
+        f"surface extracted on {resolution} × {resolution} cells",
+    )
+    margin = 0.03 * section.edge
+    lower, upper = view.project(U_true).min(axis=0) - margin, view.project(U_true).max(axis=0) + margin
+    for panel, title in zip(panels, titles, strict=True):
+        plain(panel, title=title, lower=lower, upper=upper)

@@ -5,7 +5,6 @@ import io
 import json
 import os
 import platform
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -173,10 +172,17 @@ def _facts(values: Mapping[str, Any], scale: Scale, jobs: int) -> dict[str, str]
         "command": " ".join(values["command"]),
         "time": f"{minutes // 60}:{minutes % 60:02} h of work for {done} of {jobs} jobs",
         "training": training or "a fixed number of steps",
-        "training frames": f"{scale.training_frames}, evenly spaced; fewer where the motion has fewer",
+        "training frames": f"{scale.training_frames}, evenly spaced, where the motion has as many{_fewer(values)}",
         "points": f"{scale.points} uniform and {scale.points} near the surface, a frame",
         "grid of surfaces": f"{scale.resolution} cells along the longest edge",
     }
+
+
+def _fewer(values: Mapping[str, Any]) -> str:
+    """Characters whose motions have fewer frames than were wanted, and how many."""
+    taken = [(t["character"], t["frames"], t["result"]["frames"]) for t in values["trainings"] if t["result"]]
+    fewer = {character: frames for character, wanted, frames in taken if frames < wanted}
+    return "".join(f"; {character} {frames}" for character, frames in fewer.items())
 
 
 def _pictures(
@@ -206,8 +212,3 @@ def _pictures(
 def _unfinished(unfinished: Sequence[str], failed: Mapping[str, str]) -> list[str]:
     left = [key for key in unfinished if key not in failed]
     return [f"not run yet: {', '.join(left)}"] if left else []
-
-
-def command_line() -> list[str]:
-    """The command of this process, by the name that users know."""
-    return ["nilbs", *sys.argv[1:]]

@@ -4,7 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, Plan
+from nilbs.settings import IOUS
+from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, Job, Plan
 from nilbs.study.store import Store
 
 
@@ -47,8 +48,7 @@ def scores(plan: Plan, store: Store) -> list[Score]:
     scores : list of Score
     """
     jobs = plan.by_key
-    # Scores of a training that was repeated since do not count.
-    results = {job.key: store.result(job) for job in plan.jobs if job.kind == TRAIN or store.done(job, plan)}
+    results = {job.key: _result(plan, store, job) for job in plan.jobs}
     found = []
     for entry in plan.entries:
         job, result = jobs[entry.job], results.get(entry.job)
@@ -63,7 +63,9 @@ def scores(plan: Plan, store: Store) -> list[Score]:
         sets = result["scores"]["rows"].get(entry.row, {}) if entry.row else result["scores"]["poses"]
         for name, values in sets.items():
             if entry.poses is None or name in entry.poses:
-                found += [Score(*common, name, score, *_mean_and_worst(value)) for score, value in values.items()]
+                # Of the true mesh's own surface the IoUs compare the truth with itself.
+                told = [score for score in values if entry.row != "floor" or score not in IOUS]
+                found += [Score(*common, name, score, *_mean_and_worst(values[score])) for score in told]
         if entry.row in (seconds := result["scores"]["query_seconds"]):
             found.append(Score(*common, "", "seconds", number(seconds[entry.row]), None))
         training = results.get(job.needs) if job.needs else None
@@ -79,7 +81,7 @@ def others(plan: Plan, store: Store, kind: str) -> list[tuple[str, dict[str, Any
     """Results of jobs of another kind, with the characters that they are of."""
     jobs = plan.by_key
     entries = [entry for entry in plan.entries if jobs[entry.job].kind == kind]
-    return [(e.character, result) for e in entries if (result := store.result(jobs[e.job])) is not None]
+    return [(e.character, result) for e in entries if (result := _result(plan, store, jobs[e.job])) is not None]
 
 
 def pictures(plan: Plan, store: Store) -> list[dict[str, str]]:
@@ -153,7 +155,7 @@ def controls(plan: Plan, store: Store) -> dict[str, dict[str, dict[str, float]]]
     jobs = plan.by_key
     found: dict[str, dict[str, dict[str, float]]] = {}
     for job in plan.jobs:
-        result = store.result(job) if job.kind == SCORE else None
+        result = _result(plan, store, job) if job.kind == SCORE else None
         if result is None:
             continue
         worst = found.setdefault(jobs[str(job.needs)].spec["character"], {})
@@ -163,6 +165,11 @@ def controls(plan: Plan, store: Store) -> dict[str, dict[str, dict[str, float]]]
                 known = worst.setdefault(kind, {})
                 known[name] = pick(value, known.get(name, value))
     return found
+
+
+def _result(plan: Plan, store: Store, job: Job) -> dict[str, Any] | None:
+    """What a job found; nothing, where it asked a model that was trained again since."""
+    return store.result(job) if job.kind == TRAIN or store.done(job, plan) else None
 
 
 def _mean_and_worst(value: Any) -> tuple[float | None, float | None]:

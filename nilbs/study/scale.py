@@ -16,6 +16,9 @@ TRAINED: Mapping[str, Mapping[str, Any]] = {
     "snarf": {"method": "snarf"},
     "mlp": {"method": "mlp"},
 }
+# What begins a search at every bone for every point, and what asks every bone without a search.
+ASKS_ALL_BONES = ("snarf", "all-bones")
+ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")
 ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
     "no ghost bone": {"ghost": False},
@@ -28,6 +31,7 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "no random poses": {"random_pose_std": 0.0},
     "no adaptive sampling": {"adaptive": False},
     "the paper's supervision": {"supervision": "paper"},
+    "the paper's supervision, cache of a wider step": {"supervision": "paper", "cache_width": 0.01},
     "rest weights on 64 cells": {"weight_resolution": 64},
     "rest weights on 96 cells": {"weight_resolution": 96},
     "rest distance on 256 cells": {"cache_resolution": 256},

@@ -134,7 +134,7 @@ def _fits(value: Any, wanted: Any) -> bool:
 _NUMBER = (int, float)
 # What the result of a job of each kind holds at least.
 _CONTENTS: Mapping[str, Mapping[str, Any]] = {
-    TRAIN: {"stamp": str, "seconds": _NUMBER, "resumed": bool, "steps": int, "wall_seconds": _NUMBER},
+    TRAIN: {"stamp": str, "seconds": _NUMBER, "resumed": bool, "steps": int, "frames": int, "wall_seconds": _NUMBER},
     SCORE: {
         "scores": {"controls": dict, "query_seconds": dict, "poses": dict, "rows": dict},
         "trained": str,

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from nilbs.geometry.metrics import HIGHER_IS_BETTER
-from nilbs.settings import MAPPINGS, POSE_SETS, ROWS
+from nilbs.settings import IOUS, MAPPINGS, POSE_SETS, ROWS
 from nilbs.study.jobs import SCORE, TWIST, Entry, Plan
 from nilbs.study.plan import OTHER_MAPPINGS, SWEEPS, UNLEARNED
 from nilbs.study.results import Score, controls, number, others, scores, series, summary
 from nilbs.study.scale import ABLATIONS, SWEEP_SETS, TRAINED
 from nilbs.study.store import Store
 
-# Rows that are the truth itself, and best by definition.
+# Rows that are the truth itself.
 TRUTH = ("mesh-lbs", "floor")
 # Ways of the default model that never ask what it has learned.
 WITHOUT_NETWORK = ("parts", "all-bones")
@@ -52,9 +52,13 @@ _DECIMALS = {
 # Fewer parts are no better than as many as there are, and lookups are not counted for every row.
 INCOMPARABLE = ("components", "lookups")
 UNKNOWN = "-"
+# A score of a row by the seed of its training.
+BySeed = Mapping[int, float | None]
 _MARKS = (
     "Rows marked ° learn nothing; rows marked °° are the truth itself, skinned by LBS, and take no part in the "
-    "comparison. Bold: best of the column, and what is no farther from it than the spread of either."
+    "comparison. Bold: what no other row beats, on the seeds that both were scored for, by more than the difference "
+    "spreads over them; where that is one seed, by more than the spread of either, and without any spread a small lead "
+    "may be chance."
 )
 _SWITCHES = (
     "One seed. The paper's supervision is several: weights at rest on the surface alone, neither posed motion nor "
@@ -135,7 +139,7 @@ def study_tables(plan: Plan, store: Store, titles: Mapping[str, str]) -> list[Ta
     if any(jobs[entry.job].kind == TWIST for entry in plan.entries):
         found.append(_twist_table(others(plan, store, TWIST)))
     if any(entry.part == "controls" for entry in plan.entries):
-        found.append(_controls_table(plan, store, titles))
+        found.append(_controls_table(controls(plan, store), known, titles))
     return found
 
 
@@ -164,7 +168,9 @@ def _overview_table(plan: Plan, known: Sequence[Score], titles: Mapping[str, str
     characters = dict.fromkeys(entry.character for entry in entries)
     columns = [(character, poses) for character in characters for poses in _sets(plan, entries, SWEEP_SETS)]
     mine = [row for row in known if row.part == "methods" and row.score == "iou_surface"]
-    values = [[[r.mean for r in mine if (r.method, r.character, r.poses) == (n, *c)] for c in columns] for n in names]
+    values = [
+        [{r.seed: r.mean for r in mine if (r.method, r.character, r.poses) == (n, *c)} for c in columns] for n in names
+    ]
     headings = [f"{titles.get(character, character)}: {poses}" for character, poses in columns]
     note = f"Surface IoU on random poses, mean of the seeds that are done ± (max - min) / 2. {_MARKS}"
     rows = _rows(names, values, ["iou_surface"] * len(columns), label)
@@ -191,7 +197,7 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
         title: str, note: str, names: Sequence[str], columns: Sequence[tuple[str, str, str]], *, of: str = "mean"
     ) -> Table:
         values = [
-            [[getattr(r, of) for r in mine if (r.method, r.part, r.poses, r.score) == (n, *c)] for c in columns]
+            [{r.seed: getattr(r, of) for r in mine if (r.method, r.part, r.poses, r.score) == (n, *c)} for c in columns]
             for n in names
         ]
         headings = [f"{poses}: {_SHORT[score]}" if poses else _SHORT[score] for _, poses, score in columns]
@@ -199,13 +205,17 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
         return Table("methods", title, note, ("method", *headings), rows)
 
     sets, surface_sets = _sets(plan, entries, POSE_SETS), _sets(plan, extracted, POSE_SETS)
-    ious = [("methods", poses, score) for poses in sets for score in ("iou_bbox", "iou_surface")]
+    ious = [("methods", poses, score) for poses in sets for score in IOUS]
     fields = [*ious, *(("surfaces", poses, "chamfer_l1") for poses in surface_sets)]
     fields += [("methods", poses, "lookups") for poses in sets if poses == "unseen"]
     fields += [("methods", "", score) for score in ("seconds", "training_seconds", "training_steps")]
     surfaces = [("surfaces", poses, score) for poses in surface_sets for score in _SURFACE_SCORES]
     field_note = f"{spread}; what has no ± was scored for the first seed. Surface IoU within noise of 0.006 L. {_MARKS}"
-    surface_note = f"Extracted surfaces; what has no ± was scored for the first seed. Lengths in % of L. {_MARKS}"
+    surface_note = (
+        "Extracted surfaces; what has no ± was scored for the first seed. Lengths in % of L. Skin that lies inside the "
+        "body counts as true: a row that leaves such skin, and so more parts, can come nearer to it than the floor. "
+        f"{_MARKS}"
+    )
     worst_note = f"IoU of the worst frame. {field_note}"
     names = order(entry.method for entry in entries)
     return [
@@ -235,7 +245,7 @@ def _sweep_tables(plan: Plan, part: str, entries: Sequence[Entry], known: Sequen
     found = []
     for poses in sets:
         lines = series(known, part, poses, "iou_surface")
-        values = [[[lines.get(name, {}).get(x)] for x in xs] for name in names]
+        values = [[{0: lines.get(name, {}).get(x)} for x in xs] for name in names]
         title = f"Surface IoU against {what}" + (f": {poses} poses" if poses else "")
         rows = _rows(names, values, ["iou_surface"] * len(xs), label)
         found.append(Table(part, title, "One seed.", (what, *(f"{x:g}" for x in xs)), rows))
@@ -246,8 +256,8 @@ def _ablation_tables(plan: Plan, part: str, entries: Sequence[Entry], known: Seq
     sets = _sets(plan, entries, SWEEP_SETS)
     mine = [row for row in known if row.part == part and row.score == "iou_surface"]
 
-    def values(methods: Sequence[str]) -> list[list[float | None]]:
-        return [[r.mean for r in mine if (r.method, r.poses) == (m, poses)] for m in methods for poses in sets]
+    def values(methods: Sequence[str]) -> list[BySeed]:
+        return [{r.seed: r.mean for r in mine if (r.method, r.poses) == (m, poses)} for m in methods for poses in sets]
 
     there = {entry.method for entry in entries}
     names = [name for name in ABLATIONS if name in there]
@@ -278,7 +288,8 @@ def _distance_table(plan: Plan, entries: Sequence[Entry], known: Sequence[Score]
     )
     note = (
         "Mean absolute difference from the posed mesh's own signed distance at the points near the surface, in % of L. "
-        "Default model, one seed."
+        "Where the body overlaps itself, that is the distance to skin inside it, of which the rest shape knows "
+        "nothing. Default model, one seed."
     )
     headings = [f"{poses}: {kinds[kind]}" for poses, kind in columns]
     return Table("distance", "Error of the distance", note, ("character", *headings), rows)
@@ -298,16 +309,24 @@ def _twist_table(results: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
     return Table("twist", "Volume of a twisted capsule", note, ("degrees", *names), rows)
 
 
-def _controls_table(plan: Plan, store: Store, titles: Mapping[str, str]) -> Table:
-    kinds, names = ("perfect", "empty", "inverted"), ("iou_bbox", "iou_surface")
+def _controls_table(
+    by_character: Mapping[str, Mapping[str, Mapping[str, float]]], known: Sequence[Score], titles: Mapping[str, str]
+) -> Table:
+    kinds = ("perfect", "empty", "inverted")
+    asked: dict[tuple[str, str], list[float]] = {}
+    for row in known:
+        if row.part == "methods" and row.method == "mesh-lbs" and row.mean is not None:
+            asked.setdefault((row.character, row.score), []).append(row.mean)
     rows = []
-    for character, found in controls(plan, store).items():
-        cells = [Cell(_text(found.get(kind, {}).get(name), None, 4)) for kind in kinds for name in names]
-        rows.append((titles.get(character, character), tuple(cells)))
-    columns = [f"{kind}: {name}" for kind in kinds for name in names]
+    for character, found in by_character.items():
+        values = [found.get(kind, {}).get(name) for kind in kinds for name in IOUS]
+        values += [min(asked.get((character, name), []), default=None) for name in IOUS]
+        rows.append((titles.get(character, character), tuple(Cell(_text(value, None, 4)) for value in values)))
+    columns = [f"{kind}: {name}" for kind in (*kinds, "mesh LBS") for name in IOUS]
     note = (
-        "Predictions whose scores are known, 1 for a perfect one and 0 for an empty and for an inverted one, scored in "
-        "every scoring beside the model; the most wrong of them."
+        "Predictions whose scores are known, 1 for a perfect one (the truth asked once more) and 0 for an empty and an "
+        "inverted one, in the first pose of each set of every scoring; told is the scoring that is most wrong. Mesh "
+        "LBS is the truth asked as methods are, in their frame and precision: its worst pose set."
     )
     return Table("controls", "Controls", note, ("character", *columns), tuple(rows))
 
@@ -320,47 +339,45 @@ _PART_TABLES: Mapping[str, Callable[[Plan, str, Sequence[Entry], Sequence[Score]
 
 def _rows(
     names: Sequence[str],
-    values: Sequence[Sequence[Sequence[float | None]]],
+    values: Sequence[Sequence[BySeed]],
     kinds: Sequence[str],
-    label: Callable[[str], str],
+    labelled: Callable[[str], str],
 ) -> tuple[tuple[str, tuple[Cell, ...]], ...]:
-    """Rows of a table from the values of all seeds, the best of each column marked."""
-    best = []
+    """Rows of a table from the values of all seeds; marked is what no other row of its column beats."""
+    compared = [i for i, name in enumerate(names) if name not in TRUTH]
+    marked = set()
     for j, score in enumerate(kinds):
-        shown = [_shown(values[i][j], score) for i, name in enumerate(names) if name not in TRUTH]
-        numbers = [value for value in shown if value is not None]
-        comparable = len(numbers) > 1 and not score.startswith("training") and score not in INCOMPARABLE
-        best.append((max if score in HIGHER_IS_BETTER else min)(numbers) if comparable else None)
-    rows = []
-    for name, cells in zip(names, values, strict=True):
-        row = []
-        for j, (cell, score) in enumerate(zip(cells, kinds, strict=True)):
-            value = _shown(cell, score)
-            is_best = _as_good(value, best[j], values, j, cell, score) and name not in TRUTH
-            row.append(Cell(_text(*summary(cell), _DECIMALS[score]), is_best))
-        rows.append((label(name), tuple(row)))
-    return tuple(rows)
+        column = {i: values[i][j] for i in compared if summary([*values[i][j].values()])[0] is not None}
+        if len(column) > 1 and not score.startswith("training") and score not in INCOMPARABLE:
+            marked |= {(i, j) for i in column if not any(_beats(other, column[i], score) for other in column.values())}
+    return tuple(
+        (
+            labelled(name),
+            tuple(
+                Cell(_text(*summary([*cell.values()]), _DECIMALS[score]), (i, j) in marked)
+                for j, (cell, score) in enumerate(zip(cells, kinds, strict=True))
+            ),
+        )
+        for i, (name, cells) in enumerate(zip(names, values, strict=True))
+    )
 
 
-def _as_good(
-    value: float | None,
-    best: float | None,
-    values: Sequence[Sequence[Sequence[float | None]]],
-    column: int,
-    cell: Sequence[float | None],
-    score: str,
-) -> bool:
-    """Whether a mean is the best of its column, or no farther from it than the spread of either."""
-    if value is None or best is None:
-        return False
-    spreads = [summary(row[column])[1] or 0.0 for row in values if _shown(row[column], score) == best]
-    return abs(value - best) <= max(*spreads, summary(cell)[1] or 0.0)
+def _beats(one: BySeed, other: BySeed, score: str) -> bool:
+    """Whether a row is better than another on the seeds that both have, by more than chance is seen to do.
 
-
-def _shown(values: Sequence[float | None], score: str) -> float | None:
-    """The mean as it is printed: what cannot be told apart is best together."""
-    mean = summary(values)[0]
-    return None if mean is None else round(mean, _DECIMALS[score])
+    Seeds differ by more than the training: poses and points are theirs too, so that rows are compared seed by seed, and
+    as they are printed.
+    """
+    sign = 1 if score in HIGHER_IS_BETTER else -1
+    shown = [
+        {seed: round(value, _DECIMALS[score]) for seed, value in row.items() if value is not None}
+        for row in (one, other)
+    ]
+    gains = [sign * (shown[0][seed] - shown[1][seed]) for seed in shown[0].keys() & shown[1].keys()]
+    gain, spread = summary(gains)
+    if spread is None:
+        spread = max(summary([*row.values()])[1] or 0.0 for row in (one, other))
+    return gain is not None and gain > spread + 1e-9  # rounding of the difference
 
 
 def _text(mean: float | None, spread: float | None, decimals: int) -> str:

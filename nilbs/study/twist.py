@@ -157,12 +157,24 @@ def twist_motion(character: "Character", degrees: Sequence[float] | np.ndarray) 
     >>> motion[1][1].round(3)[:3, :3].tolist()
     [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
     """
+    if character.d != 3:
+        raise ValueError("a flat character cannot be twisted")
+    return turned(character, -1, degrees)
+
+
+def turned(character: "Character", bone: int, degrees: Sequence[float] | np.ndarray) -> "Motion":
+    """One bone turned, an angle a frame: in the plane, or in space about the y axis.
+
+    Examples
+    --------
+    >>> from nilbs.capsule import capsule
+    >>> turned(capsule(d=2, resolution=8), 1, [90])[0][1].round(3)[:2, :2].tolist()
+    [[0.0, -1.0], [1.0, 0.0]]
+    """
     from nilbs.motion import Motion
 
     c = character
-    if c.d != 3:
-        raise ValueError("a flat character cannot be twisted")
-    theta = np.zeros((len(degrees), len(c.BE), 3))
-    theta[:, -1, 1] = np.radians(degrees)
+    theta = np.zeros((len(degrees), len(c.BE), 1 if c.d == 2 else 3))
+    theta[:, bone, -1 if c.d == 2 else 1] = np.radians(degrees)
     B = forward_kinematics(c.C, c.BE, c.P, theta)
-    return Motion(B, np.arange(len(B)), "twist of the last bone", skeleton=c.skeleton)
+    return Motion(B, np.arange(len(B)), f"bone {c.names[bone]} turned", skeleton=c.skeleton)

@@ -17,6 +17,7 @@ from time import perf_counter, sleep
 from typing import TYPE_CHECKING, Any
 
 from nilbs.memory import peak_memory_mib
+from nilbs.settings import IOUS
 from nilbs.study.characters import motion_of, prepared
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Job
 from nilbs.study.store import Store
@@ -83,20 +84,17 @@ def _train(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
     if spec["minutes"] is not None:
         changes["minutes"] = spec["minutes"]
     checkpoint = _checkpoint(job, store)
+    changes |= {"device": "cpu", "checkpoint": checkpoint, "resume": True, "progress": True, "report": _tell}
     resumed, start = checkpoint.exists(), perf_counter()
     try:
-        model = fit(
-            character, motion, device="cpu", checkpoint=checkpoint, resume=True, progress=True, report=_tell, **changes
-        )
+        model = fit(character, motion, **changes)
     except FileFormatError as error:
         if not resumed:
             raise
         _tell(f"{error}; the training starts again")
         remove_checkpoint(checkpoint)
         resumed, start = False, perf_counter()
-        model = fit(
-            character, motion, device="cpu", checkpoint=checkpoint, resume=True, progress=True, report=_tell, **changes
-        )
+        model = fit(character, motion, **changes)
     seconds = perf_counter() - start
     model.save(path)
     return {
@@ -133,7 +131,7 @@ def _model(job: Job, store: Store) -> "Model":
 
 
 def _score(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
-    from nilbs.evaluation import IOUS, evaluate
+    from nilbs.evaluation import evaluate
 
     spec = job.spec
     scores = evaluate(

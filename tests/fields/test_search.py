@@ -56,6 +56,12 @@ def bent(d: int, angle: float) -> torch.Tensor:
     return torch.as_tensor(rigid_transforms(rotation_matrices(theta), np.zeros((2, d))))
 
 
+def posed_rigidly(x_rest: torch.Tensor, B: torch.Tensor) -> torch.Tensor:
+    """By one bone alone."""
+    d = x_rest.shape[-1]
+    return x_rest @ B[:d, :d].mT + B[:d, d]
+
+
 def posed(x_rest: np.ndarray, B: torch.Tensor) -> np.ndarray:
     homogeneous = np.concatenate([x_rest, np.ones((len(x_rest), 1))], axis=1)
     d = x_rest.shape[1]
@@ -268,7 +274,24 @@ def test_one_search_alone_misses_what_all_bones_find(d: int, rng: np.random.Gene
     assert found["search"] == found["parts"] == found["all-bones"] == 1
     assert found["one-search"] < 0.99
     assert asked["one-search"] < asked["search"]
-    assert asked["all-bones"] >= 2  # every bone is begun from, wherever the first led
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_search_from_all_bones_begins_at_every_rigid_image(d: int, rng: np.random.Generator, monkeypatch) -> None:
+    field, B = rod(d), bent(d, np.pi - 0.25)
+    x = torch.as_tensor(points(d, 100, rng))
+    starts = []
+
+    def spied(x: torch.Tensor, start: torch.Tensor, *args, **options):
+        starts.append(start.clone())
+        return newton(x, start, *args, **options)
+
+    monkeypatch.setattr("nilbs.fields.search.newton", spied)
+    with torch.no_grad():
+        field.posed(B, "all-bones")(x)
+    assert len(starts) == 2
+    for bone, start in enumerate(starts):
+        np.testing.assert_allclose(posed_rigidly(start, B[bone]), x, atol=1e-12)
 
 
 @pytest.mark.parametrize("d", [2, 3])

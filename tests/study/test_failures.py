@@ -11,7 +11,7 @@ from nilbs.fitting import fit
 from nilbs.model import Model
 from nilbs.study import failures
 from nilbs.study.failures import FINS, failure_figures, finned_bar, gingerbread_man
-from nilbs.study.twist import twist_model
+from nilbs.study.twist import turned, twist_model, twist_row
 
 TINY = {"width": 16, "depth": 3, "poses_per_step": 4, "points_per_pose": 128, "samples_per_frame": 300}
 GRIDS = {"cache_resolution": 48, "weight_resolution": 48}
@@ -20,7 +20,7 @@ GRIDS = {"cache_resolution": 48, "weight_resolution": 48}
 @pytest.fixture(scope="module")
 def fins() -> Model:
     bar = finned_bar()
-    motion = failures._turned(bar, 1, np.linspace(-40, 40, 5))
+    motion = turned(bar, 1, np.linspace(-40, 40, 5))
     return fit(bar, motion, steps=20, device="cpu", **TINY, cache_resolution=256, weight_resolution=128)
 
 
@@ -28,11 +28,11 @@ def test_three_figures_with_titles_and_captions(tmp_path, monkeypatch, fins):
     monkeypatch.setattr(failures, "PIXELS", 60)
     monkeypatch.setattr(failures, "FIN_PIXELS", 80)
     man = gingerbread_man()
-    turned = failures._turned(man, failures.ARM, np.array([0.0, -90.0]))
+    swing = turned(man, failures.ARM, [0.0, -90.0])
     slender = capsule(length=1.0, radius=0.08, resolution=16)
     models = {
         "capsule": twist_model(slender, steps=20, device="cpu", **TINY, **GRIDS),
-        "gingerbread": fit(man, turned, steps=20, device="cpu", supervision="paper", **TINY, **GRIDS),
+        "gingerbread": fit(man, swing, steps=20, device="cpu", supervision="paper", **TINY, **GRIDS),
         "fins": fins,
     }
     figures = failure_figures(tmp_path / "new", models=models, resolution=32)
@@ -43,16 +43,26 @@ def test_three_figures_with_titles_and_captions(tmp_path, monkeypatch, fins):
         picture = imread(path)
         assert min(picture.shape[:2]) > 300
         assert picture[..., :3].std() > 0.05
-    kept = re.search(r"Twisted by 170°, linear blend skinning keeps (\d+\.\d)% of the volume", figures[0][1])
-    assert kept
-    assert 75 < float(kept[1]) < 90
+    for degrees in failures.TWISTS:
+        sentence = figures[0][1].partition(f"Twisted by {degrees:g}°")[2].partition("bones' inverses")
+        told = [float(number) for number in re.findall(r"(\d+\.\d)%", sentence[0] + sentence[2].split(". ")[0])]
+        row = twist_row(models["capsule"], degrees, resolution=32)
+        volumes = [row["lbs"], *(row["lbs"] * row[name] for name in ("inverse", "search", "reverse"))]
+        np.testing.assert_allclose(told, 100 * np.array(volumes), atol=0.051)
+
+
+def test_what_maps_find_of_places_covered_once_and_twice_is_told():
+    times = np.array([0, 0, 1, 1, 1, 1, 2, 2])
+    inside = np.array([0, 1, 1, 1, 1, 0, 1, 0], dtype=bool)
+    told = failures._told_of_contact("map", times, inside)
+    assert re.findall(r"[\d.]+%", told) == ["75.0%", "50.0%", "50.00%"]  # once, twice; 3 wrong ones of 6
 
 
 def test_models_that_are_not_given_are_trained(tmp_path, monkeypatch, fins):
     drawn, trained = [], []
     monkeypatch.setattr("nilbs.capsule.capsule", lambda **_: "capsule")
     monkeypatch.setattr(failures, "gingerbread_man", lambda: "man")
-    monkeypatch.setattr(failures, "_turned", lambda *_: "motion")
+    monkeypatch.setattr(failures, "turned", lambda *_: "motion")
     for name in ("_candy_wrapper", "_self_contact", "_thin_parts"):
         monkeypatch.setattr(failures, name, lambda model, *_: drawn.append(model) or ("", "", tmp_path))
     monkeypatch.setattr(failures, "twist_model", lambda character, **settings: trained.append(settings) or character)
@@ -78,7 +88,7 @@ def test_fins_have_their_thickness_and_stand_apart():
 
 
 def test_a_fin_thinner_than_the_caches_finest_cell_is_lost_and_a_thick_one_is_found(fins):
-    pose = failures._turned(fins.character, 1, np.array([-40.0]))[0]
+    pose = turned(fins.character, 1, [-40.0])[0]
     found = []
     for fin in (0, len(FINS) - 1):
         low, high = failures._fin_base(fin)

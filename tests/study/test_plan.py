@@ -85,6 +85,7 @@ def test_what_asks_every_bone_is_spared_where_there_are_very_many(full) -> None:
     snarf = full.by_key["makehuman/snarf/seed0/scores"]
     assert snarf.spec["poses"] == ["unseen"]
     assert snarf.spec["ious"] == ["iou_surface"]
+    assert snarf.spec["points"] == full.by_key["makehuman/nasa/seed0/scores"].spec["points"] / 10 == 10_000
     assert "ious" not in full.by_key["elephant/snarf/seed0/scores"].spec
     assert full.by_key["makehuman/nasa/seed0/scores"].spec["poses"] == ["seen", "unseen"]
     assert full.by_key["frames/elephant-snarf-10/scores"].spec["poses"] == ["unseen"]
