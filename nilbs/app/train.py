@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("volume", "paper"),
         default="volume",
         help="volume (default): weights are known in the rest volume, in posed and in random poses; paper: both losses "
-        "as in the paper, weights known on the rest surface in the rest pose, and settings of nilbs's own not read",
+        "as in the paper, weights known on the rest surface in the rest pose, no random poses, no position loss",
     )
     parser.add_argument("--resume", action="store_true", help="go on from MODEL.checkpoint, if it exists")
     parser.add_argument(

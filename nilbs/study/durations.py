@@ -27,7 +27,7 @@ _POINTS_SECONDS = {
     "one-search": 2.4,
     "fixed-point": 2.4,
 }
-_GRID_SECONDS = 40.0
+_GRID_SECONDS = 40.0  # of a training that fills grids of the rest pose, in space
 _SURFACE_SECONDS = {"snarf": 60.0, "nasa": 8.0, "nasa-rigid": 6.0}
 _BONES = {"gingerbread-2d": 13, "gingerbread-3d": 13, "arm": 4, "elephant": 24, "makehuman": 163}
 

@@ -164,7 +164,7 @@ def _overview_table(plan: Plan, known: Sequence[Score], titles: Mapping[str, str
     """Every method on every character, on random poses."""
     jobs = plan.by_key
     entries = [e for e in plan.entries if e.part == "methods" and jobs[e.job].kind == SCORE]
-    names = order(entry.method for entry in entries)
+    names = _predicting(entries)
     characters = dict.fromkeys(entry.character for entry in entries)
     columns = [(character, poses) for character in characters for poses in _sets(plan, entries, SWEEP_SETS)]
     mine = [row for row in known if row.part == "methods" and row.score == "iou_surface"]
@@ -220,9 +220,14 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
     names = order(entry.method for entry in entries)
     return [
         table(title, field_note, names, fields),
-        table(f"{title}: worst frames", worst_note, names, ious, of="worst"),
+        table(f"{title}: worst frames", worst_note, _predicting(entries), ious, of="worst"),
         table(f"{title}: surfaces", surface_note, order(entry.method for entry in extracted), surfaces),
     ]
+
+
+def _predicting(entries: Sequence[Entry]) -> list[str]:
+    """Rows that say what is inside; the floor has a surface alone."""
+    return [name for name in order(entry.method for entry in entries) if name != "floor"]
 
 
 def _sets(plan: Plan, entries: Sequence[Entry], known: Sequence[str]) -> list[str]:

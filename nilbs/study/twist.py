@@ -163,7 +163,18 @@ def twist_motion(character: "Character", degrees: Sequence[float] | np.ndarray) 
 
 
 def turned(character: "Character", bone: int, degrees: Sequence[float] | np.ndarray) -> "Motion":
-    """One bone turned, an angle a frame: in the plane, or in space about the y axis.
+    """One bone turned: in the plane, or in space about the y axis.
+
+    Parameters
+    ----------
+    character : Character
+    bone : int
+    degrees : (t,) float array
+        One angle a frame.
+
+    Returns
+    -------
+    motion : Motion
 
     Examples
     --------

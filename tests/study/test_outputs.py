@@ -78,7 +78,7 @@ def test_the_overview_holds_every_method_on_every_character(done, store, told) -
     assert rows["nilbs"]["flat man: far"].text == table(tables, "flat man")["nilbs"]["far: surface IoU"].text
     assert rows["nasa"]["elephant: far"].text == "-"
     meanings = table(tables, "What the rows are")
-    assert list(meanings) == list(rows)
+    assert [name for name in meanings if name != "floor °°"] == list(rows)  # which has a surface alone
     assert "Broyden" in meanings["snarf"]["what it is"].text
 
 

@@ -1,5 +1,6 @@
 """Which jobs there are."""
 
+import re
 from dataclasses import fields
 
 import pytest
@@ -89,6 +90,9 @@ def test_what_asks_every_bone_is_spared_where_there_are_very_many(full) -> None:
     assert "ious" not in full.by_key["elephant/snarf/seed0/scores"].spec
     assert full.by_key["makehuman/nasa/seed0/scores"].spec["poses"] == ["seen", "unseen"]
     assert full.by_key["frames/elephant-snarf-10/scores"].spec["poses"] == ["unseen"]
+    counts = {int(key.rpartition("-")[2]) for key in full.by_key if re.fullmatch(r"frames/elephant-snarf-\d+", key)}
+    assert counts == {1, 10, 100}
+    assert "frames/elephant-nasa-3" in full.by_key
     assert "all-bones" not in full.by_key["makehuman/nilbs/seed0/other-rows"].spec["rows"]
     assert "all-bones" in full.by_key["arm/nilbs/seed0/other-rows"].spec["rows"]
     assert full.by_key["elephant/nilbs/seed0/other-rows"].spec["rows"] == ["rigid-parts"]
