@@ -1,0 +1,1 @@
+"""Tests of reading glTF, on files that they put together."""
