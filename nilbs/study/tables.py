@@ -233,7 +233,7 @@ def _predicting(entries: Sequence[Entry]) -> list[str]:
 def _sets(plan: Plan, entries: Sequence[Entry], known: Sequence[str]) -> list[str]:
     """Pose sets that these entries are scored on."""
     jobs = plan.by_key
-    scored = {poses for entry in entries for poses in jobs[entry.job].spec["poses"]}
+    scored = {poses for entry in entries for poses in entry.poses or jobs[entry.job].spec["poses"]}
     return [poses for poses in known if poses in scored]
 
 
@@ -246,9 +246,9 @@ def _sweep_tables(plan: Plan, part: str, entries: Sequence[Entry], known: Sequen
     }[part]
     sets: list[str | None] = [None] if part == "amplitude" else list(_sets(plan, entries, SWEEP_SETS))
     xs = sorted({entry.value for entry in entries if entry.value is not None})
-    names = order(entry.method for entry in entries)
     found = []
     for poses in sets:
+        names = order(entry.method for entry in entries if poses is None or poses in _sets(plan, [entry], SWEEP_SETS))
         lines = series(known, part, poses, "iou_surface")
         values = [[{0: lines.get(name, {}).get(x)} for x in xs] for name in names]
         title = f"Surface IoU against {what}" + (f": {poses} poses" if poses else "")

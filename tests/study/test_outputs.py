@@ -223,6 +223,14 @@ def test_ablation_and_mappings(done, store, told) -> None:
     assert len(ways) == len(MAPPINGS) - 1
 
 
+def test_a_sweep_tells_those_that_are_scored_there(done, store) -> None:
+    tables = study_tables(done, store, TITLES)
+    for what, learned_nothing in (("training minutes", []), ("surface noise, in units of 0.006 L", ["nearest °"])):
+        unseen = table(tables, f"Surface IoU against {what}: unseen")
+        assert list(unseen) == ["nilbs", "inverse", "nasa", "snarf", "mlp", *learned_nothing]
+        assert list(table(tables, f"Surface IoU against {what}: far")) == ["nilbs", "inverse", *learned_nothing]
+
+
 def test_controls_are_the_most_wrong_of_all_scorings(done, store, surface_iou) -> None:
     job = next(job for job in done.jobs if job.key == "elephant/nilbs/seed1/scores")
     result = store.result(job)
