@@ -194,8 +194,9 @@ def _html_table(table: Table) -> list[str]:
 
 
 def _html_cell(cell: Cell) -> str:
-    text = escape(cell.text)
-    return f"<td><strong>{text}</strong></td>" if cell.best else f"<td>{text}</td>"
+    mean, plus_minus, spread = cell.text.partition(" ± ")
+    text = f"<strong>{escape(mean)}</strong>" if cell.best else escape(mean)
+    return f"<td>{text} <small>± {escape(spread)}</small></td>" if plus_minus else f"<td>{text}</td>"
 
 
 def _figure(picture: Picture) -> list[str]:
@@ -216,11 +217,13 @@ h1, h2, h3 { font-weight: 600; line-height: 1.25; }
 h2 { margin-top: 2.2em; border-bottom: 1px solid #ccc; padding-bottom: .2em; }
 h3 { margin: 1.6em 0 .5em; font-size: 1.05em; }
 table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
-td, th { padding: .25em .7em; text-align: right; vertical-align: bottom; }
+td, th { padding: .25em .7em; text-align: right; vertical-align: top; }
+thead th { vertical-align: bottom; }
 th:first-child, .facts td { text-align: left; }
 tbody th, thead th { font-weight: normal; color: #444; }
 tbody th { white-space: nowrap; }
 .words td, .words th { text-align: left; }
+td small { display: block; color: #555; white-space: nowrap; }
 thead th { border-bottom: 1px solid #888; }
 tbody tr:nth-child(even) { background: #f6f6f4; }
 .wide { overflow-x: auto; }

@@ -308,7 +308,7 @@ def test_a_page_escapes_what_it_is_given(tmp_path: Path) -> None:
     page = Page(
         evil,
         {evil: evil},
-        [Table("twist", evil, evil, (evil, evil), ((evil, (Cell("1.0", True),)),))],
+        [Table("twist", evil, evil, (evil, evil), ((evil, (Cell("1.0 ± <0.1>", True),)),))],
         {"twist": [picture], "failures": [picture]},
         [evil],
         [evil],
@@ -317,6 +317,7 @@ def test_a_page_escapes_what_it_is_given(tmp_path: Path) -> None:
     assert not list(root.iter("script"))
     assert root.find("body/h1").text == evil
     assert [strong.text for strong in root.iter("strong")] == ["1.0"]
+    assert [small.text for small in root.iter("small")] == ["± <0.1>"]
     rows = [line for line in markdown(page).splitlines() if line.startswith("|")]
     assert all(len(re.findall(r"(?<!\\)\|", row)) == 3 for row in rows)
     assert "<script>" not in markdown(page)
