@@ -13,7 +13,7 @@ import torch
 
 from nilbs.character import ARRAYS, Character
 from nilbs.fields.field import Field
-from nilbs.fields.objective import REFRESH, Objective
+from nilbs.fields.objective import Objective
 from nilbs.fields.training import TrainingState, train
 from nilbs.methods import build_field, build_objective
 from nilbs.model import Model, torch_device
@@ -22,8 +22,9 @@ from nilbs.report import Report, silent
 from nilbs.settings import UNTRAINED, Settings
 
 CHECKPOINT_KIND = "nilbs checkpoint 4"
-# Steps that tell how long a step takes.
-TRIAL = 20
+# Steps that tell how long a step takes, and the part of the time after which fewer must do.
+TRIAL = 16
+TRIAL_PART = 0.1
 # That a time can have meant.
 MOST_STEPS = 10**8
 
@@ -121,6 +122,7 @@ def fit(
     if state is not None:
         steps = state.steps
     elif minutes is not None:
+        report("measuring how long a step takes")
         steps = _steps_within(60 * minutes, field, objective, settings.learning_rate)
         report(f"{steps} steps will take about {minutes:g} min")
 
@@ -135,7 +137,7 @@ def fit(
         learning_rate=settings.learning_rate,
         state=None if state is None else state.training,
         save=save,
-        save_every=REFRESH,
+        save_every=objective.memory,
         progress=progress,
     )
     return Model(character, motion, replace(settings, steps=steps), history, field)
@@ -156,17 +158,22 @@ class _Checkpoint:
 def _steps_within(seconds: float, field: Field, objective: Objective, learning_rate: float) -> int:
     """How many steps fit into a time, by a trial that leaves the field as it was."""
     initial = {name: tensor.clone() for name, tensor in field.state_dict().items()}
-    clock = []
-    for _ in range(2):  # the first steps of a process are slow
-        clock.append(perf_counter())
-        train(field, lambda step: objective(step % REFRESH), steps=TRIAL, learning_rate=learning_rate)
-    clock.append(perf_counter())
-    objective(REFRESH)  # with a look
-    clock.append(perf_counter())
+    start = perf_counter()
+    count = 1
+    while True:  # the first steps of a process are slow, and say little
+        began = perf_counter()
+        train(field, objective, steps=count, learning_rate=learning_rate)
+        now = perf_counter()
+        step = (now - began) / count
+        if count >= TRIAL or (count > 1 and now - start > TRIAL_PART * seconds):
+            break
+        count *= 2
+    look = 0.0
+    if objective.memory > 1:
+        objective(objective.memory)
+        look = perf_counter() - now - step
     field.load_state_dict(initial)
-    step = (clock[2] - clock[1]) / TRIAL
-    look = clock[3] - clock[2] - step
-    steps = seconds / (step + look / REFRESH)
+    steps = seconds / (step + look / objective.memory)
     if not steps < MOST_STEPS:
         raise ValueError(f"minutes are {seconds / 60:g}, enough for {steps:.1g} steps; {MOST_STEPS:g} are the most")
     return max(1, int(steps))
@@ -195,14 +202,17 @@ def _load_checkpoint(path: Path, fingerprint: str, report: Report) -> _Checkpoin
     if not path.exists():
         report(f"no checkpoint {path}: training starts at step 0")
         return None
-    tensors, settings = read_archive(path, kind=CHECKPOINT_KIND)
+    try:
+        tensors, settings = read_archive(path, kind=CHECKPOINT_KIND)
+    except FileFormatError as error:
+        raise FileFormatError(path, f"{error.message}: remove it to start anew") from None
     if settings.get("fingerprint") != fingerprint:
         raise FileFormatError(
-            path, "belongs to a training with other files or settings; train without --resume to start again"
+            path, "belongs to a training with other files or settings: go on with those, or remove it to start anew"
         )
     history = tensors.pop("history", np.zeros(0))
     step, steps = settings.get("step"), settings.get("steps")
-    if not (type(step) is type(steps) is int and 0 <= step <= steps and history.shape == (step,)):
-        raise FileFormatError(path, "its numbers of steps do not fit; train without --resume to start again")
+    if not (type(step) is type(steps) is int and 0 <= step <= steps <= MOST_STEPS and history.shape == (step,)):
+        raise FileFormatError(path, "its numbers of steps do not fit: remove it to start anew")
     report(f"continuing at step {step} of {steps}")
     return _Checkpoint(steps, TrainingState(step, tensors, history))

@@ -268,7 +268,7 @@ class Model:
         Raises
         ------
         ValueError
-            As `occupancy`; or if resolution is not positive.
+            As `occupancy`; or if the resolution is no whole number from 1 on or makes a grid too large.
         """
         U = linear_blend_skinning(self.character.V, self.character.W, pose)
         return self.posed(pose).extract_on(Grid.cube(U, resolution))
@@ -289,12 +289,13 @@ class Model:
         -------
         answer : Answer
             Distance and rest images in mesh units. Derivatives are of first order: by the root search they are those of
-            the root, by the implicit function theorem, and do not pass through its iterations.
+            the root, by the implicit function theorem, and do not pass through its iterations. What the
+            methods nearest, rigid-parts and mesh-lbs answer has none.
 
         Raises
         ------
         ValueError
-            If the method has no such mapping, or a shape, type or device does not fit.
+            If the method has no such mapping, a shape, type or device does not fit, or a number is not finite.
         """
         return answer_in_mesh_units(self.character, self.field, x, pose, mapping=self._mapping(mapping))
 

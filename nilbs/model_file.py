@@ -102,6 +102,9 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton)
         settings = Settings.from_mapping(text["settings"])
         state = {name.removeprefix("field."): a for name, a in contents.items() if name.startswith("field.")}
+        for name, array in state.items():
+            if array.dtype.kind == "f" and not np.isfinite(array).all():
+                raise ValueError(f"field.{name} has numbers that are not finite")
         field = _field(character, settings, state, text)
         arrays(history=(contents["history"], "s"))
         model = Model(character, motion, settings, contents["history"], field)

@@ -175,10 +175,17 @@ def answer_in_mesh_units(
 ) -> Answer:
     """Answers of a field at tensors (n, d) in mesh units: see `Model.answer`."""
     b, d = len(character.BE), character.d
-    for name, tensor, shape in (("x", x, (len(x), d)), ("pose", pose, (b, d + 1, d + 1))):
-        if not isinstance(tensor, torch.Tensor) or not tensor.is_floating_point() or tensor.shape != shape:
-            found = tuple(tensor.shape) if hasattr(tensor, "shape") else type(tensor).__name__
-            raise ValueError(f"{name} must be a tensor of floating-point numbers of shape {shape}, got {found}")
+    for name, tensor, shape in (("x", x, ("n", d)), ("pose", pose, (b, d + 1, d + 1))):
+        wanted = f"{name} must be a tensor ({', '.join(map(str, shape))}) of torch.float32 or torch.float64"
+        if not isinstance(tensor, torch.Tensor):
+            raise ValueError(f"{wanted}, got {type(tensor).__name__}")
+        fits = tensor.ndim == len(shape) and all(
+            want in ("n", is_) for want, is_ in zip(shape, tensor.shape, strict=True)
+        )
+        if not fits or tensor.dtype not in (torch.float32, torch.float64):
+            raise ValueError(f"{wanted}, got {tuple(tensor.shape)} of {tensor.dtype}")
+        if not bool(torch.isfinite(tensor).all()):
+            raise ValueError(f"{name} has numbers that are not finite")
     x_unit, B = unit_frame(character, x.to(pose), pose)
     answer = posed_field(field, B.to(like(field)), mapping)(x_unit.to(like(field)))
     L, center = character.L, torch.as_tensor(rest_center(character)).to(like(field))

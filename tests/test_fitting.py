@@ -1,4 +1,5 @@
 import functools
+import itertools
 import json
 import signal
 import subprocess
@@ -56,7 +57,6 @@ def one_thread():
 @pytest.fixture(autouse=True)
 def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nilbs.fields.objective.REFRESH", REFRESH)
-    monkeypatch.setattr("nilbs.fitting.REFRESH", REFRESH)
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +155,23 @@ def test_an_interrupted_training_goes_on_to_the_same_end(
     assert not lines
 
 
+@pytest.mark.parametrize("changes", [{"method": "mlp"}, {"adaptive": False}])
+def test_what_never_looks_at_its_points_goes_on_from_any_second(
+    changes: dict, bar, tmp_path: Path, monkeypatch
+) -> None:
+    settings = replace(TINY, **changes)
+    whole, path = fit(*bar, settings), tmp_path / "a.checkpoint"
+    with monkeypatch.context() as patch:
+        seconds = itertools.count(step=2)
+        patch.setattr("nilbs.fields.training.monotonic", lambda: next(seconds))
+        watched(patch, interrupt_at=7)
+        with pytest.raises(KeyboardInterrupt):
+            fit(*bar, settings, checkpoint=path)
+    steps = watched(monkeypatch)
+    assert_same(fit(*bar, settings, checkpoint=path, resume=True), whole)
+    assert steps == list(range(7, 20))
+
+
 def test_nothing_is_saved_before_a_training_can_be_continued(bar, tmp_path: Path, monkeypatch) -> None:
     watched(monkeypatch, interrupt_at=REFRESH - 1)
     with pytest.raises(KeyboardInterrupt):
@@ -188,7 +205,7 @@ def test_the_checkpoint_of_another_training_is_refused(bar, tmp_path: Path, monk
     with pytest.raises(FileFormatError, match="belongs to a training with other files or settings"):
         fit(character, motion, TINY, checkpoint=path, resume=True, dtype=torch.float64)
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(FileFormatError):
+    with pytest.raises(FileFormatError, match=r"a\.checkpoint: .*: remove it to start anew$"):
         fit(character, motion, TINY, checkpoint=path, resume=True)
 
 
@@ -210,7 +227,7 @@ import nilbs.fitting
 from nilbs.app.main import main
 from nilbs.fields.objective import Objective
 
-nilbs.fields.objective.REFRESH = nilbs.fitting.REFRESH = {REFRESH}
+nilbs.fields.objective.REFRESH = {REFRESH}
 torch.set_num_threads(1)
 loss = Objective.__call__
 Objective.__call__ = lambda self, step: (time.sleep(0.05), loss(self, step))[1]
@@ -264,7 +281,7 @@ def test_minutes_are_turned_into_steps_and_leave_the_model_as_steps_would(bar) -
     timed = fit(character, motion, TINY, steps=0, device="cpu", minutes=0.005, report=said.append)
     steps = timed.settings.steps
     assert len(timed.history) == steps > 0
-    assert said == [f"{steps} steps will take about 0.005 min"]
+    assert said == ["measuring how long a step takes", f"{steps} steps will take about 0.005 min"]
     counted = fit(character, motion, TINY, steps=steps, device="cpu")
     np.testing.assert_array_equal(timed.history, counted.history)
     assert timed.settings == counted.settings
@@ -289,6 +306,24 @@ def test_a_training_by_minutes_goes_on_to_the_steps_it_began_with(bar, tmp_path:
     assert_same(resumed, fit(*bar, TINY, steps=steps))
 
 
+def test_the_trial_of_a_slow_training_is_short(bar, monkeypatch) -> None:
+    clock = itertools.count()
+
+    def slow(field, loss, *, steps: int, **options) -> np.ndarray:
+        asked.append(steps)
+        for _ in range(9 * steps - 1):
+            next(clock)
+        return np.zeros(steps)
+
+    asked: list[int] = []
+    monkeypatch.setattr("nilbs.fitting.perf_counter", lambda: float(next(clock)))
+    monkeypatch.setattr("nilbs.fitting.train", slow)
+    # A step takes 9 s: after three there is little left of a tenth of the 300.
+    steps = fit(*bar, TINY, steps=0, method="mlp", minutes=5).settings.steps
+    assert asked == [1, 2, 4, steps]
+    assert steps == 300 // 9
+
+
 def test_more_minutes_than_anyone_can_mean_are_refused(bar) -> None:
     with pytest.raises(ValueError, match=r"^minutes are 1e\+08, enough for .* steps; 1e\+08 are the most$"):
         fit(*bar, TINY, steps=0, device="cpu", minutes=1e8)
@@ -307,7 +342,9 @@ def test_what_learns_nothing_says_so(bar) -> None:
     assert said == ["the method nearest learns nothing: there is no training"]
 
 
-@pytest.mark.parametrize("change", [{"step": None}, {"steps": "many"}, {"step": -1}, {"step": 3}, {"steps": 1}])
+@pytest.mark.parametrize(
+    "change", [{"step": None}, {"steps": "many"}, {"step": -1}, {"step": 3}, {"steps": 1}, {"steps": 10**30}]
+)
 def test_a_checkpoint_whose_steps_do_not_fit_is_refused(change: dict, bar, tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "a.checkpoint"
     with monkeypatch.context() as patch:
@@ -316,7 +353,7 @@ def test_a_checkpoint_whose_steps_do_not_fit_is_refused(change: dict, bar, tmp_p
             fit(*bar, TINY, device="cpu", checkpoint=path)
     tensors, settings = read_archive(path, kind=CHECKPOINT_KIND)
     write_archive(path, tensors, settings | change, kind=CHECKPOINT_KIND)
-    with pytest.raises(FileFormatError, match="its numbers of steps do not fit; train without --resume"):
+    with pytest.raises(FileFormatError, match="its numbers of steps do not fit: remove it to start anew"):
         fit(*bar, TINY, device="cpu", checkpoint=path, resume=True)
 
 

@@ -41,6 +41,16 @@ def test_double_precision_survives_a_file(saved, tmp_path: Path, queries) -> Non
     assert again.occupancy(x, pose).dtype == np.float64
 
 
+@DIMENSIONS
+def test_a_network_without_numbers_is_refused(d: int, saved, tmp_path: Path) -> None:
+    contents, text = read_archive(saved[d], kind=KIND)
+    name = "field.inverse.network.layers.0.bias"
+    contents[name] = np.full_like(contents[name], np.nan)
+    write_archive(tmp_path / "nan.nilbs", contents, text, kind=KIND)
+    with pytest.raises(FileFormatError, match=rf"nan\.nilbs: .*{name} has numbers that are not finite$"):
+        load_model(tmp_path / "nan.nilbs")
+
+
 def test_any_flipped_byte_is_noticed(saved, tmp_path: Path, rng: np.random.Generator) -> None:
     data = saved[3].read_bytes()
     path = tmp_path / "damaged.nilbs"

@@ -31,6 +31,10 @@ def run(args: argparse.Namespace) -> None:
     start = perf_counter()
     U, F = model.extract(pose, resolution=args.resolution)
     seconds = perf_counter() - start
+    if not len(F):
+        raise ValueError(
+            f"{args.model}: nothing is inside in this pose on a grid of {args.resolution} cells: no surface"
+        )
     write_mesh(args.output, U, F)
     report = {
         "vertices": len(U),

@@ -105,8 +105,10 @@ def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
     --------
     >>> whole(1)("3")
     3
+    >>> whole(0)("99999999999")
+    Traceback (most recent call last):
+    argparse.ArgumentTypeError: '99999999999' is not a whole number from 0 to 2147483647
     """
-    limit = "on" if most == 2**31 - 1 else f"to {most}"
 
     def number(word: str) -> int:
         try:
@@ -114,6 +116,7 @@ def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
         except ValueError:
             value = least - 1
         if not least <= value <= most:
+            limit = "on" if most == 2**31 - 1 and value < least else f"to {most}"
             raise argparse.ArgumentTypeError(f"{word!r} is not a whole number from {least} {limit}")
         return value
 

@@ -104,6 +104,8 @@ def run(args: argparse.Namespace) -> None:
     data = Path(given) if given and not args.quick else None
     scale, left_out = _scale(args, data)
     study = plan(scale, left_out)
+    if Path(args.out).is_file():
+        raise ValueError(f"--out {args.out}: this is a file, and the study needs a folder")
     store = Store(Path(args.out).resolve())
     for name in FOLDERS:
         (store.folder / name).mkdir(parents=True, exist_ok=True)

@@ -16,8 +16,7 @@ REFRESH = 500
 class Objective:
     """Sum of losses at a training step.
 
-    The occupancy loss looks at the field's error on its points every `REFRESH` steps, so a training may be continued
-    only at a multiple of those.
+    The occupancy loss may look at the field's error on its points every `REFRESH` steps.
 
     Parameters
     ----------
@@ -27,10 +26,16 @@ class Objective:
         A method's own losses.
     seed : int
         A step's batch depends on this and on the step alone.
+
+    Attributes
+    ----------
+    memory : int
+        A training may be continued at multiples of so many steps: between them the loss depends on what was looked at.
     """
 
     def __init__(self, occupancy: OccupancyTerm | None, *others: Term, seed: int) -> None:
         self.occupancy, self.seed = occupancy, seed
+        self.memory = REFRESH if occupancy is not None and occupancy.looks else 1
         self.terms: list[Term] = [*([] if occupancy is None else [occupancy]), *others]
         if not self.terms:
             raise ValueError("every loss is off: there is nothing to train for")

@@ -34,6 +34,11 @@ class OccupancyTerm:
         Whether half of the points are drawn in proportion to the field's error on them when it was last looked at.
     absolute : bool
         Whether occupancies are compared by their absolute difference, as in the paper, and not by cross-entropy.
+
+    Attributes
+    ----------
+    looks : bool
+        Whether a batch depends on what was last looked at.
     """
 
     def __init__(
@@ -53,7 +58,8 @@ class OccupancyTerm:
         self.inside = torch.as_tensor(labelled.inside).to(poses)
         self.sampler = AdaptiveSampler(*labelled.inside.shape)
         self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
-        self.factor, self.adaptive, self.absolute = factor, adaptive, absolute
+        self.factor, self.absolute = factor, absolute
+        self.looks = adaptive and factor > 0
 
     def look(self, turn: int) -> None:
         """Look at the field's error on a part of the points; the turns take the parts one after the other.
@@ -62,7 +68,7 @@ class OccupancyTerm:
         """
         if turn == 0:
             self.sampler.forget()
-        elif self.adaptive and self.factor:
+        elif self.looks:
             self.sampler.refresh(self._error, slice(turn % LOOKS, None, LOOKS))
 
     def __call__(self, rng: np.random.Generator) -> Tensor:

@@ -66,7 +66,7 @@ def train(
         Where to go on from.
     save : function of TrainingState, optional
         Called with the state at a multiple of `save_every` steps: the first such step after each `save_seconds`, and
-        the last one when the training is interrupted.
+        one of the last second, or the last one, when the training is interrupted.
     save_every : int
         Steps between states that a training may be continued from.
     save_seconds : float
@@ -96,7 +96,7 @@ def train(
         _restore(parameters, optimizers, state)
         first = min(state.step, steps)
         history[:first] = state.history[:first]
-    saved_at = monotonic()
+    saved_at = captured_at = monotonic()
     step = first
     latest: TrainingState | None = None
     with tqdm(total=steps, initial=first, desc="training", unit="step", disable=not progress, delay=2) as bar:
@@ -117,9 +117,12 @@ def train(
                 if step % 20 == 0 or step == steps:
                     bar.set_postfix(loss=f"{history[max(0, step - 100) : step].mean():.4f}", refresh=False)
                 bar.update()
-                if save is not None and step % save_every == 0:
+                # States are copies: where every step may have one, a step a second does.
+                due = save_every > 1 or monotonic() - captured_at > min(1.0, save_seconds)
+                if save is not None and step % save_every == 0 and due:
                     latest = _capture(parameters, optimizers, step, history)
-                    if monotonic() - saved_at > save_seconds:
+                    captured_at = monotonic()
+                    if captured_at - saved_at > save_seconds:
                         save(latest)
                         saved_at = monotonic()
         except KeyboardInterrupt:

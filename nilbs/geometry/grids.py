@@ -7,6 +7,9 @@ import numpy as np
 
 from nilbs.geometry.validation import arrays
 
+# Of a grid that is told by its resolution: more are a slip of the hand, and would take all memory there is.
+MOST_CELLS = 2**31
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -72,7 +75,8 @@ class Grid:
         Raises
         ------
         ValueError
-            If V is empty or all its points coincide, or the resolution or the scale is not positive.
+            If V is empty or all its points coincide, the scale is not positive, or the resolution is no whole number
+            from 1 on or makes a grid too large.
 
         Examples
         --------
@@ -80,7 +84,7 @@ class Grid:
         Grid(origin=array([-1. , -1.5]), spacing=1.0, shape=(5, 5))
         """
         lower, upper, longest = _bounding_box(V)
-        _check_resolution(resolution)
+        _check_resolution(resolution, len(lower))
         edge = scale * longest
         return cls((lower + upper) / 2 - edge / 2, edge / resolution, (resolution + 1,) * len(lower))
 
@@ -105,7 +109,8 @@ class Grid:
         Raises
         ------
         ValueError
-            If V is empty or all its points coincide, the resolution is not positive or pad is negative.
+            If V is empty or all its points coincide, pad is negative, or the resolution is no whole number from 1
+            on or makes a grid too large.
 
         Examples
         --------
@@ -113,7 +118,7 @@ class Grid:
         Grid(origin=array([0., 0.]), spacing=0.5, shape=(5, 3))
         """
         lower, upper, longest = _bounding_box(V)
-        _check_resolution(resolution)
+        _check_resolution(resolution, len(lower))
         if pad < 0:
             raise ValueError(f"pad must not be negative, got {pad}")
         spacing = longest * (1 + 2 * pad) / resolution
@@ -194,6 +199,7 @@ def _bounding_box(V: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     return lower, upper, longest
 
 
-def _check_resolution(resolution: int) -> None:
-    if resolution < 1:
-        raise ValueError(f"resolution must be at least 1, got {resolution}")
+def _check_resolution(resolution: int, d: int) -> None:
+    if not isinstance(resolution, int | np.integer) or not 1 <= resolution <= MOST_CELLS ** (1 / d):
+        most = int(MOST_CELLS ** (1 / d))
+        raise ValueError(f"resolution must be a whole number from 1 to {most} in {d} dimensions, got {resolution!r}")

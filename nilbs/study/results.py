@@ -6,7 +6,7 @@ from typing import Any
 
 from nilbs.settings import IOUS
 from nilbs.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, Job, Plan
-from nilbs.study.store import Store
+from nilbs.study.store import Store, number
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def pictures(plan: Plan, store: Store) -> list[dict[str, str]]:
     for kind in (PICTURE, FAILURES):
         for _, result in others(plan, store, kind):
             found += [{**picture, "kind": kind} for picture in result["pictures"]]
-    return [picture for picture in found if (store.folder / picture["file"]).is_file()]
+    return [picture for picture in found if store.picture(picture["file"]) is not None]
 
 
 def failed(plan: Plan, store: Store) -> dict[str, str]:
@@ -177,11 +177,6 @@ def _mean_and_worst(value: Any) -> tuple[float | None, float | None]:
     if isinstance(value, Mapping):
         return number(value.get("mean")), number(value.get("worst"))
     return number(value), None
-
-
-def number(value: Any) -> float | None:
-    """A number, or None where there is none."""
-    return float(value) if isinstance(value, int | float) else None
 
 
 def trainings(plan: Plan, store: Store) -> list[dict[str, Any]]:

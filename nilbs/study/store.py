@@ -71,7 +71,8 @@ class Store:
         """Remove what writers that were killed have left half-written; only where nobody is at work."""
         for name in FOLDERS:
             for path in (self.folder / name).rglob(f".*{PART}"):
-                path.unlink()
+                if not path.is_dir():
+                    path.unlink()
 
     def done(self, job: Job, plan: Plan) -> bool:
         """Whether a job need not be run.
@@ -99,6 +100,15 @@ class Store:
         """Record that a job failed."""
         self._write(self._failed(job), job, {"error": error, "details": details})
 
+    def picture(self, name: str) -> Path | None:
+        """A picture that a result names, where it is one of the study's own: no other file gets into a report."""
+        try:
+            path = (self.folder / name).resolve()
+            mine = path.is_relative_to((self.folder / "pictures").resolve()) and path.suffix == ".png"
+            return path if mine and path.is_file() else None
+        except (OSError, ValueError):  # no name of a file
+            return None
+
     def _result(self, job: Job) -> Path:
         return self.folder / "results" / f"{job.key}{'-train' if job.kind == TRAIN else ''}.json"
 
@@ -124,23 +134,55 @@ class Store:
             file.write(json.dumps(contents, indent=1, allow_nan=False) + "\n")
 
 
+def number(value: Any) -> float | None:
+    """A number, or None where there is none.
+
+    Examples
+    --------
+    >>> number(3), number("3"), number(10**400)
+    (3.0, None, None)
+    """
+    return float(value) if isinstance(value, int | float) and abs(value) < 2**63 else None
+
+
 def _fits(value: Any, wanted: Any) -> bool:
-    """Whether a value of JSON has the types that are wanted, name by name."""
+    """Whether a value of JSON has the types that are wanted, name by name; a list's one entry is that of all."""
     if isinstance(wanted, Mapping):
-        return isinstance(value, dict) and all(name in value and _fits(value[name], wanted[name]) for name in wanted)
-    return isinstance(value, wanted)
+        if not isinstance(value, dict):
+            return False
+        if _EACH in wanted:
+            return all(_fits(inner, wanted[_EACH]) for inner in value.values())
+        return all(name in value and _fits(value[name], wanted[name]) for name in wanted)
+    if isinstance(wanted, list):
+        return isinstance(value, list) and all(_fits(inner, wanted[0]) for inner in value)
+    return isinstance(value, wanted) and (wanted is not _NUMBER or number(value) is not None)
 
 
+_EACH = "*"  # of names that are not known beforehand
 _NUMBER = (int, float)
+_BY_SCORE = {_EACH: object}  # a number, or one with those of its frames
+_PICTURES = [{"title": str, "caption": str, "file": str}]
 # What the result of a job of each kind holds at least.
 _CONTENTS: Mapping[str, Mapping[str, Any]] = {
-    TRAIN: {"stamp": str, "seconds": _NUMBER, "resumed": bool, "steps": int, "frames": int, "wall_seconds": _NUMBER},
+    TRAIN: {
+        "stamp": str,
+        "seconds": _NUMBER,
+        "resumed": bool,
+        "steps": _NUMBER,
+        "frames": _NUMBER,
+        "wall_seconds": _NUMBER,
+    },
     SCORE: {
-        "scores": {"controls": dict, "query_seconds": dict, "poses": dict, "rows": dict},
+        "scores": {
+            "controls": {_EACH: _BY_SCORE},
+            "query_seconds": dict,
+            "poses": {_EACH: _BY_SCORE},
+            "rows": {_EACH: {_EACH: _BY_SCORE}},
+        },
         "trained": str,
         "wall_seconds": _NUMBER,
     },
-    PICTURE: {"pictures": list, "wall_seconds": _NUMBER},
-    TWIST: {"table": list, "wall_seconds": _NUMBER},
-    FAILURES: {"pictures": list, "wall_seconds": _NUMBER},
+    PICTURE: {"pictures": _PICTURES, "wall_seconds": _NUMBER},
+    TWIST: {"table": [{"degrees": _NUMBER}], "wall_seconds": _NUMBER},
+    FAILURES: {"pictures": _PICTURES, "wall_seconds": _NUMBER},
 }

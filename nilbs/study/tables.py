@@ -8,9 +8,9 @@ from nilbs.geometry.metrics import HIGHER_IS_BETTER
 from nilbs.settings import IOUS, MAPPINGS, POSE_SETS, ROWS
 from nilbs.study.jobs import SCORE, TWIST, Entry, Plan
 from nilbs.study.plan import OTHER_MAPPINGS, SWEEPS, UNLEARNED
-from nilbs.study.results import Score, controls, number, others, scores, series, summary
+from nilbs.study.results import Score, controls, others, scores, series, summary
 from nilbs.study.scale import ABLATIONS, SWEEP_SETS, TRAINED
-from nilbs.study.store import Store
+from nilbs.study.store import Store, number
 
 # Rows that are the truth itself.
 TRUTH = ("mesh-lbs", "floor")

@@ -140,6 +140,10 @@ def test_weights_as_a_table(assets, nilbs):
             "one.dmat: moves 1 bones, but the rig has 2",
         ),
         (["evaluate", "empty.nilbs"], "empty.nilbs: the file is empty"),
+        (
+            ["extract", "bar2.nilbs", "--frame", "0", "--resolution", "99999", "-o", "out/v.obj"],
+            "resolution must be a whole number from 1 to 46340 in 2 dimensions",
+        ),
     ],
 )
 def test_a_mistake_is_named_before_anything_is_written(assets, fails, tmp_path, monkeypatch, words, message):
@@ -264,7 +268,6 @@ def test_resume(assets, nilbs, succeeds, out, monkeypatch, quick_training):
 
     # A training is saved, and goes on, where it looks at its labelled points anew.
     monkeypatch.setattr("nilbs.fields.objective.REFRESH", 4)
-    monkeypatch.setattr("nilbs.fitting.REFRESH", 4)
     files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--steps", 8)
     alone = succeeds("train", *files, "-o", out / "alone.nilbs")
     one_cycle = training.one_cycle
@@ -333,6 +336,14 @@ def test_extract(assets, succeeds, out, d, motion_file, suffix):
     assert values["watertight"]
     assert U.shape[1] == F.shape[1] == d
     assert is_watertight(F)
+
+
+def test_nothing_is_written_where_nothing_is_inside(assets, fails, out, monkeypatch):
+    nothing = (np.zeros((0, 2)), np.zeros((0, 2), int))
+    monkeypatch.setattr("nilbs.model.Model.extract", lambda *args, **options: nothing)
+    line = fails("extract", assets / "bar2.nilbs", "--frame", 0, "-o", out / "v.obj")
+    assert line.endswith("bar2.nilbs: nothing is inside in this pose on a grid of 128 cells: no surface")
+    assert not os.listdir(out)
 
 
 def test_extract_a_frame_of_the_training_motion(assets, nilbs, out):

@@ -100,12 +100,21 @@ def test_a_state_does_not_change_after_it_was_saved() -> None:
 
 
 @pytest.mark.parametrize("stop_at", [1, 25])
-def test_an_interrupt_saves_and_is_passed_on(stop_at: int) -> None:
+def test_an_interrupt_saves_and_is_passed_on(stop_at: int, monkeypatch) -> None:
+    seconds = itertools.count(step=1.5)
+    monkeypatch.setattr("nilbs.fields.training.monotonic", lambda: next(seconds))
     net, history = trained()
     states: list[TrainingState] = []
     stopped = module()
     with pytest.raises(KeyboardInterrupt):
-        train(stopped, loss_of(stopped, stop_at=stop_at), steps=STEPS, learning_rate=0.02, save=states.append)
+        train(
+            stopped,
+            loss_of(stopped, stop_at=stop_at),
+            steps=STEPS,
+            learning_rate=0.02,
+            save=states.append,
+            save_seconds=99.0,
+        )
     (state,) = states
     assert state.step == stop_at
     again, continued = trained(state=state)

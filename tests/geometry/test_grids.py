@@ -74,8 +74,11 @@ def test_wrong_arguments_are_named() -> None:
         Grid.cube(np.empty((0, 3)), 4)
     with pytest.raises(ValueError, match="coincide"):
         Grid.box(np.ones((3, 2)), 4)
-    with pytest.raises(ValueError, match="resolution must be at least 1"):
-        Grid.cube([[0, 0], [1, 1]], 0)
+    for resolution in (0, 1.5, np.nan, "4", 50_000):
+        with pytest.raises(ValueError, match="resolution must be a whole number from 1 to 46340 in 2 dimensions"):
+            Grid.cube([[0, 0], [1, 1]], resolution)
+    with pytest.raises(ValueError, match="resolution must be a whole number from 1 to 1290 in 3 dimensions, got 1300"):
+        Grid.box([[0, 0, 0], [1, 1, 1]], 1300)
     with pytest.raises(ValueError, match="spacing must be positive"):
         Grid.cube([[0, 0], [1, 1]], 4, scale=0.0)
     with pytest.raises(ValueError, match="pad must not be negative"):

@@ -105,9 +105,12 @@ def test_scores_of_a_training_that_was_repeated_are_not_shown(done, store, told)
 
 def test_pictures_of_a_training_that_was_repeated_are_not_shown(done, store) -> None:
     job = done.by_key["elephant/nilbs/seed0/picture"]
-    store.write(job, store.result(job) | {"pictures": [{"title": "elephant", "caption": "", "file": "here.png"}]})
-    (store.folder / "here.png").touch()
-    assert [picture["file"] for picture in results.pictures(done, store)] == ["here.png"]
+    store.write(
+        job, store.result(job) | {"pictures": [{"title": "elephant", "caption": "", "file": "pictures/here.png"}]}
+    )
+    (store.folder / "pictures").mkdir(exist_ok=True)
+    (store.folder / "pictures" / "here.png").touch()
+    assert [picture["file"] for picture in results.pictures(done, store)] == ["pictures/here.png"]
     training = done.by_key["elephant/nilbs/seed0"]
     store.write(training, store.result(training) | {"stamp": "another"})
     assert not results.pictures(done, store)

@@ -70,6 +70,10 @@ def test_a_damaged_result_is_none(store, pretender) -> None:
         lambda result: result.update(scores=[1]),
         lambda result: result["scores"].pop("controls"),
         lambda result: result["scores"].update(poses=None),
+        lambda result: result["scores"].update(poses={"unseen": "x"}),
+        lambda result: result["scores"].update(rows={"floor": {"unseen": "x"}}),
+        lambda result: result["scores"].update(controls={"perfect": 5}),
+        lambda result: result.update(wall_seconds=10**400),
     ],
 )
 def test_a_result_that_lacks_what_such_a_job_makes_is_none(spoil, store, pretender) -> None:
@@ -80,6 +84,29 @@ def test_a_result_that_lacks_what_such_a_job_makes_is_none(spoil, store, pretend
     spoil(contents["result"])
     path.write_text(json.dumps(contents))
     assert ran(study, store, pretender()) == ["arm/scores"]
+
+
+@pytest.mark.parametrize(
+    "pictures", [None, ["x"], [{"title": "x", "caption": "x"}], [{"title": "x", "caption": "x", "file": 7}]]
+)
+def test_pictures_that_are_none_are_made_again(pictures, store, pretender) -> None:
+    study = plan(quick_scale())
+    run(study, store, [pretender()], report=lambda line: None)
+    job = next(job for job in study.jobs if job.kind == "picture")
+    store.write(job, {**store.result(job), "pictures": pictures})
+    assert not store.done(job, study)
+
+
+def test_only_pictures_of_the_study_get_into_a_report(store, tmp_path) -> None:
+    (store.folder / "pictures").mkdir(parents=True)
+    for name in ("secret.png", "pictures/mine.png", "pictures/notes.txt"):
+        (store.folder / name).touch()
+    (store.folder / "pictures" / "link.png").symlink_to(store.folder / "secret.png")
+    assert store.picture("pictures/mine.png").samefile(store.folder / "pictures" / "mine.png")
+    for name in ("secret.png", "pictures/../secret.png", "pictures/link.png", "pictures/notes.txt", "pictures/no.png"):
+        assert store.picture(name) is None
+    for name in (str(store.folder / "secret.png"), "pictures/\0.png", f"pictures/{'x' * 5000}.png", "pictures", ""):
+        assert store.picture(name) is None
 
 
 def test_a_model_that_cannot_be_read_is_trained_again(store, pretender, capfd) -> None:
@@ -101,6 +128,7 @@ def test_what_was_left_half_written_is_swept_away_and_nothing_else(store, preten
     for place in ("models/arm/.nilbs.nilbs.0a1b2c3d.part", "results/arm/.far.json.12345678.part"):
         (store.folder / place).write_bytes(b"half")
     (store.folder / "my notes.part").write_text("mine")
+    (store.folder / "results" / ".mine.part").mkdir()
     store.sweep()
     assert {path for path in store.folder.rglob("*") if path.is_file()} == kept | {store.folder / "my notes.part"}
 

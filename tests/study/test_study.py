@@ -26,7 +26,7 @@ def test_what_cannot_be_meant_is_refused(tmp_path, capsys) -> None:
 @pytest.mark.parametrize(
     ("taken", "message"),
     [
-        ("out", "out/models: Not a directory\n"),
+        ("out", "out: this is a file, and the study needs a folder\n"),
         ("out/pictures", "pictures: this is a file, where a folder is wanted\n"),
     ],
 )
