@@ -1,6 +1,7 @@
 """What is run, what is not run again, and what becomes of what fails."""
 
 import json
+import signal
 from threading import Barrier, Timer
 
 import pytest
@@ -212,16 +213,18 @@ def test_a_worker_that_is_stopped_leaves_no_failure(store, busy) -> None:
 
 
 def test_a_stop_that_finds_no_process_yet_is_heard(busy, monkeypatch) -> None:
-    start = Worker._start
+    start, processes = Worker._start, []
 
     def stopped_first(worker: Worker):
         worker.stop()
-        return start(worker)
+        processes.append(start(worker))
+        return processes[0]
 
     monkeypatch.setattr(Worker, "_start", stopped_first)
     with busy as worker, pytest.raises(Stopped):
         worker(Job("a", "twist", {}))
     assert worker._process is None
+    assert processes[0].returncode == -signal.SIGKILL  # it was not left to end by itself
 
 
 def test_progress_tells_the_number_the_time_and_what_is_left(store, pretender) -> None:
