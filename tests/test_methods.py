@@ -156,7 +156,7 @@ def test_the_losses_of_every_method(d: int, changes: dict, others: list, charact
 def test_where_labelled_points_are_drawn_by_error(changes: dict, adaptive: bool, absolute: bool, characters) -> None:
     occupancy = objective(characters[2], **changes).occupancy
     assert occupancy is not None
-    assert (occupancy.adaptive, occupancy.absolute) == (adaptive, absolute)
+    assert (occupancy.looks, occupancy.absolute) == (adaptive, absolute)
     assert occupancy.factor == 1
 
 
