@@ -174,7 +174,7 @@ _CONTENTS: Mapping[str, Mapping[str, Any]] = {
     },
     SCORE: {
         "scores": {
-            "controls": {_EACH: _BY_SCORE},
+            "controls": {_EACH: {_EACH: _NUMBER}},
             "query_seconds": dict,
             "poses": {_EACH: _BY_SCORE},
             "rows": {_EACH: {_EACH: _BY_SCORE}},

@@ -74,6 +74,7 @@ def test_a_damaged_result_is_none(store, pretender) -> None:
         lambda result: result["scores"].update(poses={"unseen": "x"}),
         lambda result: result["scores"].update(rows={"floor": {"unseen": "x"}}),
         lambda result: result["scores"].update(controls={"perfect": 5}),
+        lambda result: result["scores"].update(controls={"perfect": {"iou_bbox": "x"}}),
         lambda result: result.update(wall_seconds=10**400),
     ],
 )
