@@ -37,28 +37,28 @@ def main() -> None:
     # 1. Read the files and solve for the weights.
     character = nilbs.load_character(args.mesh, args.rig, progress=True)
     W = character.W
-    print(f"{character.name}: {len(character.V)} vertices, {len(character.names)} bones, d = {character.d}")
+    print(f"{character.name}: {len(character.V)} vertices, {len(character.skeleton.names)} bones, d = {character.d}")
     print(f"weights: {W.min():.3f} to {W.max():.3f}, row sums within {np.abs(W.sum(axis=1) - 1).max():.1e} of one")
 
     # 2. Bend one bone about the line of sight. Local rotations are relative to the parent bone.
-    joints = np.flatnonzero(character.P >= 0)
+    joints = np.flatnonzero(character.skeleton.P >= 0)
     if args.bone is None:
-        movable = joints if len(joints) else np.arange(len(character.P))
+        movable = joints if len(joints) else np.arange(len(character.skeleton.P))
         bone = int(movable[np.argmax(W[:, movable].sum(axis=0))])
-    elif args.bone in character.names:
-        bone = character.names.index(args.bone)
+    elif args.bone in character.skeleton.names:
+        bone = character.skeleton.names.index(args.bone)
     else:
-        parser.error(f"there is no bone {args.bone!r}; the bones are {', '.join(character.names)}")
+        parser.error(f"there is no bone {args.bone!r}; the bones are {', '.join(character.skeleton.names)}")
     view = View.front(character.V)
     angle = np.radians(args.degrees)
-    theta = np.zeros((len(character.P), 1 if character.d == 2 else 3))
+    theta = np.zeros((len(character.skeleton.P), 1 if character.d == 2 else 3))
     theta[bone] = angle if character.d == 2 else angle * view.axes[2]
-    B = forward_kinematics(character.C, character.BE, character.P, theta)
+    B = forward_kinematics(character.skeleton.C, character.skeleton.BE, character.skeleton.P, theta)
     U = linear_blend_skinning(character.V, W, B)
 
     # 3. Draw the bone's weight at rest, and the bent body.
     args.out.mkdir(parents=True, exist_ok=True)
-    title = f"{character.name}: {character.names[bone]} bent by {args.degrees:g} degrees"
+    title = f"{character.name}: {character.skeleton.names[bone]} bent by {args.degrees:g} degrees"
     figure, panels = sheet(1, 2, title=title, width=3.6, height=3.6, beside=1.0)
     view = view.turned()
     lower, upper = view.window(character.V, U)
@@ -70,9 +70,9 @@ def main() -> None:
             X = linear_blend_skinning(character.V_volume, character.W_volume, pose)
             weight = character.W_volume[:, bone]
             panel.tripcolor(*X.T, character.T, weight, vmin=0, vmax=1, cmap="viridis", shading="gouraud")
-        draw_bones(panel, view, character.C, character.BE, B=pose, colour="#d55e00")
+        draw_bones(panel, view, character.skeleton.C, character.skeleton.BE, B=pose, colour="#d55e00")
         plain(panel, title=name, lower=lower, upper=upper)
-    figure.colorbar(colours, ax=panels, fraction=0.03, label=f"weight of {character.names[bone]}")
+    figure.colorbar(colours, ax=panels, fraction=0.03, label=f"weight of {character.skeleton.names[bone]}")
     print(write_png(figure, args.out / "01_weights_and_bend.png"))
 
 

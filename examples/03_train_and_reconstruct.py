@@ -43,7 +43,9 @@ def main() -> None:
 
     # 3. Ask for a surface in a pose that the training never saw: half-way between two of its frames.
     k = len(motion) // 2
-    between = interpolate_poses(character.C, character.BE, character.P, motion[k - 1], motion[k], 0.5)
+    between = interpolate_poses(
+        character.skeleton.C, character.skeleton.BE, character.skeleton.P, motion[k - 1], motion[k], 0.5
+    )
     U, F = model.extract(between, resolution=args.resolution)
     write_mesh(args.out / "03_posed.obj", U, F)
     print(args.out / "03_posed.obj", f"{len(U)} vertices")

@@ -46,23 +46,23 @@ def main() -> None:
     # 2. An obstacle: points in a ball around the tip of a bone.
     rng = np.random.default_rng(args.seed)
     V, L, d = character.V, character.L, character.d
-    tips = character.C[character.BE[:, 1]]
+    tips = character.skeleton.C[character.skeleton.BE[:, 1]]
     if args.bone is None:
         bone = int(np.linalg.norm(tips - V.mean(axis=0), axis=1).argmax())
-    elif args.bone in character.names:
-        bone = character.names.index(args.bone)
+    elif args.bone in character.skeleton.names:
+        bone = character.skeleton.names.index(args.bone)
     else:
-        parser.error(f"there is no bone {args.bone!r}; the bones are {', '.join(character.names)}")
+        parser.error(f"there is no bone {args.bone!r}; the bones are {', '.join(character.skeleton.names)}")
     ball = rng.normal(size=(2000, d))
     ball *= args.radius * L * rng.uniform(0, 1, (len(ball), 1)) ** (1 / d) / np.linalg.norm(ball, axis=1, keepdims=True)
     ball += tips[bone]
 
     # 3. Downhill: how deep the ball lies in the body, and a little for every angle.
-    x, C = torch.as_tensor(ball, dtype=torch.float32), torch.as_tensor(character.C, dtype=torch.float32)
-    theta = torch.zeros((len(character.BE), 1 if d == 2 else 3), requires_grad=True)
+    x, C = torch.as_tensor(ball, dtype=torch.float32), torch.as_tensor(character.skeleton.C, dtype=torch.float32)
+    theta = torch.zeros((len(character.skeleton.BE), 1 if d == 2 else 3), requires_grad=True)
     optimizer = torch.optim.Adam([theta], lr=0.03)
     for step in range(201):
-        B = forward_kinematics(C, character.BE, character.P, theta)
+        B = forward_kinematics(C, character.skeleton.BE, character.skeleton.P, theta)
         depth = (MARGIN - model.answer(x, B).distance / L).clamp_min(0)
         if step % 20 == 0:
             print(f"step {step:3}: deepest point {max(0.0, float(depth.detach().max()) - MARGIN):.4f} L inside")
@@ -73,12 +73,19 @@ def main() -> None:
         optimizer.step()
 
     # 4. What the posed mesh says.
-    before, after = V, character.skin(forward_kinematics(C, character.BE, character.P, theta).detach().double().numpy())
+    before, after = (
+        V,
+        character.skin(
+            forward_kinematics(C, character.skeleton.BE, character.skeleton.P, theta).detach().double().numpy()
+        ),
+    )
     shares = [occupancy(U, character.F, ball).mean() for U in (before, after)]
     print(f"share of the obstacle inside the body: {shares[0]:.3f} before, {shares[1]:.3f} after {step} steps")
     view = View.front(V)
     lower, upper = view.window(before, after, ball)
-    figure, panels = sheet(1, 2, title=f"{character.name} clears an obstacle at the tip of {character.names[bone]}")
+    figure, panels = sheet(
+        1, 2, title=f"{character.name} clears an obstacle at the tip of {character.skeleton.names[bone]}"
+    )
     for panel, U, title in zip(panels[0], (before, after), ("before", f"after {step} steps"), strict=True):
         draw_body(panel, view, U, character.F)
         panel.scatter(*view.project(ball).T, s=1, color="#0072b2", zorder=5)

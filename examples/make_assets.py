@@ -7,7 +7,7 @@ gingerbread.obj (flat, z = 0), cookie.obj (the same figure as a solid) and ginge
 import sys
 from pathlib import Path
 
-from nilbs.gingerbread import write_gingerbread
+from nilbs.characters.gingerbread import write_gingerbread
 
 if __name__ == "__main__":
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "assets"

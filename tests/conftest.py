@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 if TYPE_CHECKING:
-    from nilbs.character import Character
-    from nilbs.model import Model
+    from nilbs.characters.character import Character
+    from nilbs.models.model import Model
 
 
 # Run by Blender's own Python, not by this one.
@@ -34,11 +34,11 @@ def data() -> Path:
 @pytest.fixture(scope="session")
 def characters() -> "dict[int, Character]":
     """By dimension: the gingerbread man of the plane, and in space a capsule of three bones."""
-    from nilbs.character import assemble
+    from nilbs.characters.character import assemble
+    from nilbs.characters.gingerbread import gingerbread
     from nilbs.geometry.grids import Grid
     from nilbs.geometry.isosurface import isosurface
     from nilbs.geometry.skeleton import skeleton_of_bones
-    from nilbs.gingerbread import gingerbread
 
     grid = Grid.box(np.array([[-0.9, -0.3, -0.3], [0.9, 0.3, 0.3]]), 24)
     x = grid.points()
@@ -53,8 +53,8 @@ def characters() -> "dict[int, Character]":
 @pytest.fixture(scope="session")
 def models(characters: "dict[int, Character]") -> "dict[int, Model]":
     """By dimension: a model that was trained for a moment, enough to be unlike a blank one."""
-    from nilbs.fitting import fit
-    from nilbs.motion import random_motion
+    from nilbs.characters.motion import random_motion
+    from nilbs.models.fitting import fit
 
     return {d: fit(c, random_motion(c, frames=6), device="cpu", steps=30, **SMALL) for d, c in characters.items()}
 

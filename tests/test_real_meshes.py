@@ -76,16 +76,16 @@ def test_the_elephant_s_own_motion(elephant: nilbs.Character, data: Path) -> Non
     np.testing.assert_array_equal(motion.B, read_transforms(path))
     np.testing.assert_array_equal(motion[0], np.broadcast_to(np.eye(4), (24, 4, 4)))
     np.testing.assert_allclose(linear_blend_skinning(c.V, c.W, motion[0]), c.V, atol=1e-12 * c.L)
-    theta, root_translation = local_rotations(c.C, c.BE, c.P, motion.B)
-    recomposed = forward_kinematics(c.C, c.BE, c.P, theta, root_translation=root_translation)
+    theta, root_translation = local_rotations(c.skeleton.C, c.skeleton.BE, c.skeleton.P, motion.B)
+    recomposed = forward_kinematics(c.skeleton.C, c.skeleton.BE, c.skeleton.P, theta, root_translation=root_translation)
     assert np.abs(recomposed - motion.B).max() <= 1e-9
     # It says something: the bones do turn.
     assert motion.rms_rotation(c) == pytest.approx(0.61, abs=0.005)
-    assert np.linalg.norm(theta[:, c.P >= 0], axis=-1).max() == pytest.approx(2.26, abs=0.005)
+    assert np.linalg.norm(theta[:, c.skeleton.P >= 0], axis=-1).max() == pytest.approx(2.26, abs=0.005)
     # Bones that share a joint keep it together.
-    child = np.flatnonzero(c.P >= 0)
-    joint = np.append(c.C[c.BE[child, 0]], np.ones((len(child), 1)), axis=1)[:, :, None]
-    np.testing.assert_allclose(motion.B[:, child] @ joint, motion.B[:, c.P[child]] @ joint, atol=1e-9 * c.L)
+    child = np.flatnonzero(c.skeleton.P >= 0)
+    joint = np.append(c.skeleton.C[c.skeleton.BE[child, 0]], np.ones((len(child), 1)), axis=1)[:, :, None]
+    np.testing.assert_allclose(motion.B[:, child] @ joint, motion.B[:, c.skeleton.P[child]] @ joint, atol=1e-9 * c.L)
 
 
 @pytest.mark.slow

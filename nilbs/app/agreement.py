@@ -6,11 +6,11 @@ import numpy as np
 
 from nilbs.app.contents import Content
 from nilbs.app.descriptions import outline
-from nilbs.character import in_dimension
+from nilbs.characters.character import in_dimension
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.rig_diagnosis import rig_report
+from nilbs.geometry.rig_weights import check_rig_fits
 from nilbs.geometry.validation import listed
-from nilbs.weighting import check_rig_fits
 
 
 def disagreements(contents: list[Content]) -> list[str]:

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from nilbs.characters.loading import whole_or_group
 from nilbs.geometry.plane import in_space
 from nilbs.io import FileFormatError, check_suffix, read_npy, read_parts, read_transforms, read_weights
 from nilbs.io.makehuman import read_mhw
 from nilbs.io.motion import read_motion_json
 from nilbs.io.parts import Parts
 from nilbs.io.registry import READABLE, kind_of
-from nilbs.loading import whole_or_group
 
 _AFTER_OTHERS = {".mhskel": 1, ".mhw": 2}  # files that take a mesh, or a rig, to be read
 
@@ -56,7 +56,7 @@ def _read(path: str, suffix: str, others: list[Content], group: str | None) -> l
     if suffix == ".npy":
         return [Content(path, "points", {"x": read_npy(path)})]
     if suffix == ".nilbs":
-        from nilbs.model_file import load_model
+        from nilbs.models.model_file import load_model
 
         return [Content(path, "model", {"model": load_model(path)})]
     kind = kind_of(path)

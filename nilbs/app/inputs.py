@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nilbs.characters.loading import fit_together, whole_or_group
+from nilbs.characters.report import Report
+from nilbs.characters.saving import clip_of
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import listed
 from nilbs.io.errors import FileFormatError
 from nilbs.io.parts import Clip, Mesh, Parts
 from nilbs.io.registry import MESHES, RIGS, kind_of, read_parts
-from nilbs.loading import fit_together, whole_or_group
-from nilbs.report import Report
-from nilbs.saving import clip_of
 
 if TYPE_CHECKING:
-    from nilbs.motion import Motion
+    from nilbs.characters.motion import Motion
 
 ReadMotion = Callable[[str, Skeleton], "Motion"]
 
@@ -32,7 +32,7 @@ class Inputs:
     taken : dict of str to list of str
         What each file brought: of "mesh", "rig", "weights" and "motion".
     mesh, skeleton, W, clips
-        As `nilbs.saving.write_files` takes them.
+        As `nilbs.characters.saving.write_files` takes them.
     """
 
     taken: dict[str, list[str]]

@@ -4,7 +4,7 @@ import argparse
 import errno
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 
@@ -21,7 +21,6 @@ COMMANDS = {
     "query": "occupancy or signed distance of points in a pose",
     "extract": "the posed surface, as a mesh",
     "evaluate": "score a model against ordinary skinning",
-    "study": "train and score every method on several characters, with tables and a report",
 }
 # What pip calls a module.
 _PACKAGES = {"igl": "libigl", "skimage": "scikit-image"}
@@ -56,11 +55,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     >>> main(["info", "no-such-file.obj"])
     2
     """
-    _open_output()
     words = list(sys.argv[1:] if argv is None else argv)
     args = _parser(words).parse_args(words)
+    return exit_status(lambda: args.run(args))
+
+
+def exit_status(run: Callable[[], None]) -> int:
+    """Run a program, and turn how it ends into the status that `main` returns."""
+    _open_output()
     try:
-        args.run(args)
+        run()
         sys.stdout.flush()
     except BrokenPipeError:
         _drop_output()
@@ -93,7 +97,7 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
     for name, summary in COMMANDS.items():
         command = commands.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
         if name == called:
-            module = import_module(f"nilbs.app.{name}")
+            module = import_module(f"nilbs.app.commands.{name}")
             module.add_arguments(command)
             command.set_defaults(run=module.run)
     return parser

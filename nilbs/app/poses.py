@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
+    from nilbs.characters.motion import Motion
     from nilbs.geometry.skeleton import Skeleton
-    from nilbs.model import Model
-    from nilbs.motion import Motion
+    from nilbs.models.model import Model
 
 
 def tell(line: str) -> None:
@@ -25,7 +25,7 @@ def motion_of_file(args: argparse.Namespace, skeleton: "Skeleton") -> "Motion":
     FileFormatError, ValueError, OSError
         If the file holds no such motion.
     """
-    from nilbs.motion import read_motion
+    from nilbs.characters.motion import read_motion
 
     return read_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=tell)
 

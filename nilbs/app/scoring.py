@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from nilbs.evaluation import Scores
+    from nilbs.models.evaluation import Scores
 
 SCORE_FILES = ("scores.json", "scores.txt")
 

@@ -14,7 +14,7 @@ from nilbs.fields.forward_network import ForwardNetwork
 from nilbs.fields.newton import ROOT, ForwardMap, Roots, implicit, newton
 from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.overlap import Overlap
-from nilbs.settings import MAPPINGS
+from nilbs.methods.settings import MAPPINGS
 
 # Steps of one search; of the fixed point, which gains the same share in every step and no more.
 ITERATIONS, CONTRACTIONS = 6, 20
@@ -80,7 +80,7 @@ class SearchField(Field):
         B : (b, d+1, d+1) tensor
             Pose, rest to posed.
         mapping : str
-            One of `nilbs.settings.MAPPINGS`.
+            One of `nilbs.methods.settings.MAPPINGS`.
         ghost : bool
             Whether the ghost bone takes part in the maps "inverse" and "reverse". The others do without: whether a rest
             image is one is told by the residual.

@@ -11,10 +11,10 @@ from nilbs.figures.notation import notation_figure
 from nilbs.figures.reconstruction import reconstruction_figure
 from nilbs.figures.training import training_figure
 from nilbs.figures.weights import weights_figure
-from nilbs.settings import RESOLUTION
+from nilbs.methods.settings import RESOLUTION
 
 if TYPE_CHECKING:
-    from nilbs.model import Model
+    from nilbs.models.model import Model
 
 __all__ = [
     "figure_files",

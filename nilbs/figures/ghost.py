@@ -25,7 +25,7 @@ from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skinning import linear_blend_skinning
 
 if TYPE_CHECKING:
-    from nilbs.model import Model
+    from nilbs.models.model import Model
 
 
 def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = None, label: str = "posed") -> Path:

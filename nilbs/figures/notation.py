@@ -13,7 +13,7 @@ from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skinning import linear_blend_skinning
 
 if TYPE_CHECKING:
-    from nilbs.model import Model
+    from nilbs.models.model import Model
 
 
 def notation_figure(model: "Model", path: str | Path) -> Path:
@@ -52,9 +52,9 @@ def notation_figure(model: "Model", path: str | Path) -> Path:
     for column, ((label, B), U) in enumerate(zip(poses, posed, strict=True)):
         top, bottom = panels[:, column]
         draw_body(top, view, U, character.F)
-        draw_bones(top, view, character.C, character.BE, B=B)
+        draw_bones(top, view, character.skeleton.C, character.skeleton.BE, B=B)
         if column == 0:
-            draw_frames(top, view, character.C, character.BE, length=0.08 * character.L)
+            draw_frames(top, view, character.skeleton.C, character.skeleton.BE, length=0.08 * character.L)
         plain(top, title=label, lower=lower, upper=upper)
 
         section = Section.through(front, U)

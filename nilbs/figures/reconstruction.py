@@ -13,10 +13,10 @@ from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import View
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.settings import RESOLUTION
+from nilbs.methods.settings import RESOLUTION
 
 if TYPE_CHECKING:
-    from nilbs.model import Model
+    from nilbs.models.model import Model
 
 
 def reconstruction_figure(

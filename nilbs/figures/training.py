@@ -8,7 +8,7 @@ import numpy as np
 from nilbs.figures.canvas import AXES, sheet, write_png
 
 if TYPE_CHECKING:
-    from nilbs.model import Model
+    from nilbs.models.model import Model
 
 
 def training_figure(model: "Model", path: str | Path) -> Path:

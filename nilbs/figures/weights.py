@@ -14,7 +14,7 @@ from nilbs.figures.views import Section, View
 from nilbs.geometry.skinning import linear_blend_skinning
 
 if TYPE_CHECKING:
-    from nilbs.model import Model
+    from nilbs.models.model import Model
 
 
 # Bones that are drawn, those that move most of the surface; the ghost channel comes on top.
@@ -43,7 +43,7 @@ def weights_figure(model: "Model", path: str | Path) -> Path:
     middle = len(motion) // 2
     pose, label = motion[middle], f"training frame {motion.frames[middle]}"
     bones = np.sort(np.argsort(-character.W.sum(axis=0), kind="stable")[:COLUMNS])
-    channels = [*bones.tolist(), len(character.names)]
+    channels = [*bones.tolist(), len(character.skeleton.names)]
 
     figure, panels = sheet(2, len(channels), title=f"{character.name}: channels of the weight network", beside=1.0)
     front = View.front(character.V)
@@ -55,9 +55,16 @@ def weights_figure(model: "Model", path: str | Path) -> Path:
         for panel, channel in zip(panels[row], channels, strict=True):
             panel.imshow(W[..., channel], origin="lower", extent=section.extent, cmap=WEIGHTS, vmin=0, vmax=1)
             panel.add_collection(LineCollection(list(surface), colors="white", linewidths=0.8))
-            if channel < len(character.names):
-                draw_bones(panel, front, character.C, character.BE[[channel]], B=B[[channel]], colour="#d55e00")
-            title = character.names[channel] if channel < len(character.names) else "ghost bone"
+            if channel < len(character.skeleton.names):
+                draw_bones(
+                    panel,
+                    front,
+                    character.skeleton.C,
+                    character.skeleton.BE[[channel]],
+                    B=B[[channel]],
+                    colour="#d55e00",
+                )
+            title = character.skeleton.names[channel] if channel < len(character.skeleton.names) else "ghost bone"
             plain(panel, title=title if row == 0 else "")
         panels[row, 0].set_ylabel(name, fontsize=9)
     where = " on a planar section" if character.d == 3 else ""

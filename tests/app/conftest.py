@@ -8,7 +8,7 @@ import pytest
 
 from nilbs.app.main import main
 from nilbs.io import write_mesh, write_tgf, write_weights
-from nilbs.settings import Settings
+from nilbs.methods.settings import Settings
 
 QUICK = {"cache_resolution": 16, "samples_per_frame": 100, "points_per_pose": 32, "poses_per_step": 2, "width": 8}
 
@@ -57,9 +57,9 @@ def d(request):
 @pytest.fixture(scope="session")
 def assets(tmp_path_factory):
     """Folder with, for d = 2 and 3, bar<d>.obj, bar<d>-weights.npz and a barely trained bar<d>.nilbs; and bar.tgf."""
-    from nilbs.fitting import fit
-    from nilbs.loading import load_character
-    from nilbs.motion import random_motion
+    from nilbs.characters.loading import load_character
+    from nilbs.characters.motion import random_motion
+    from nilbs.models.fitting import fit
 
     folder = tmp_path_factory.mktemp("assets")
     for d in (2, 3):
@@ -77,13 +77,13 @@ def assets(tmp_path_factory):
 @pytest.fixture
 def quick_settings(monkeypatch):
     """Let the command train on grids and batches that take no time."""
-    monkeypatch.setattr("nilbs.app.train.Settings", functools.partial(Settings, **QUICK))
+    monkeypatch.setattr("nilbs.app.commands.train.Settings", functools.partial(Settings, **QUICK))
 
 
 @pytest.fixture
 def quick_training(monkeypatch):
     """The same, with only a step or two."""
-    for module in ("nilbs.fitting", "nilbs.app.train"):
+    for module in ("nilbs.models.fitting", "nilbs.app.commands.train"):
         monkeypatch.setattr(f"{module}.Settings", functools.partial(Settings, steps=2, **QUICK))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from nilbs.geometry.facets import is_watertight
 from nilbs.io import read_mesh, read_npy, read_weights, write_motion_json, write_transforms
-from nilbs.model_file import load_model
+from nilbs.models.model_file import load_model
 
 
 @pytest.fixture
@@ -160,7 +160,7 @@ def test_a_mistake_is_named_before_anything_is_written(assets, fails, tmp_path, 
     np.save(tmp_path / "x3.npy", np.zeros((4, 3)))
     write_transforms(tmp_path / "one.dmat", np.eye(4)[None, None])
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("nilbs.fitting.fit", None)
+    monkeypatch.setattr("nilbs.models.fitting.fit", None)
     words = [words[0], *(word if word.startswith("-") or "." not in word else tmp_path / word for word in words[1:])]
     line = fails(*words)
     assert message.replace("{}", str(tmp_path)) in line
@@ -255,7 +255,7 @@ def test_an_interrupted_training_says_how_to_go_on(assets, nilbs, out, monkeypat
             Path(checkpoint).touch()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("nilbs.fitting.fit", interrupted)
+    monkeypatch.setattr("nilbs.models.fitting.fit", interrupted)
     files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz")
     status, text, err = nilbs("train", *files, "-o", out / "m.nilbs")
     assert (status, text) == (130, "")
@@ -340,7 +340,7 @@ def test_extract(assets, succeeds, out, d, motion_file, suffix):
 
 def test_nothing_is_written_where_nothing_is_inside(assets, fails, out, monkeypatch):
     nothing = (np.zeros((0, 2)), np.zeros((0, 2), int))
-    monkeypatch.setattr("nilbs.model.Model.extract", lambda *args, **options: nothing)
+    monkeypatch.setattr("nilbs.models.model.Model.extract", lambda *args, **options: nothing)
     line = fails("extract", assets / "bar2.nilbs", "--frame", 0, "-o", out / "v.obj")
     assert line.endswith("bar2.nilbs: nothing is inside in this pose on a grid of 128 cells: no surface")
     assert not os.listdir(out)
@@ -367,7 +367,7 @@ def test_evaluate(assets, succeeds, nilbs, out, d, monkeypatch):
 
 
 def test_evaluate_tells_what_it_cannot_write_before_it_works(assets, nilbs, out, monkeypatch):
-    monkeypatch.setattr("nilbs.evaluation.evaluate", lambda *_, **__: pytest.fail("worked"))
+    monkeypatch.setattr("nilbs.models.evaluation.evaluate", lambda *_, **__: pytest.fail("worked"))
     (out / "ghost.png").mkdir(parents=True)
     status, _, said = nilbs("evaluate", assets / "bar2.nilbs", "--out", out)
     assert status == 2
@@ -386,9 +386,9 @@ def test_evaluate_scores_the_floor_beside_the_model(assets, succeeds, nilbs):
 @pytest.fixture
 def whole(assets, tmp_path, d):
     """One file with the bar, its rig, its weights and a motion of four frames in a tenth of a second each."""
-    from nilbs.loading import load_character
-    from nilbs.motion import Motion, random_motion
-    from nilbs.saving import save_character
+    from nilbs.characters.loading import load_character
+    from nilbs.characters.motion import Motion, random_motion
+    from nilbs.characters.saving import save_character
 
     c = load_character(assets / f"bar{d}.obj", assets / "bar.tgf", assets / f"bar{d}-weights.npz")
     moved = random_motion(c, frames=4, seed=3)
@@ -409,7 +409,7 @@ def test_train_on_one_file_that_holds_everything(whole, nilbs, out, quick_traini
 
 
 def test_a_motion_is_read_before_weights_are_solved(assets, fails, out, tmp_path, monkeypatch):
-    monkeypatch.setattr("nilbs.character.solve_weights", None)
+    monkeypatch.setattr("nilbs.characters.character.solve_weights", None)
     (tmp_path / "bad.json").write_text('{"frames": [{"wing": [0, 0, 1]}]}')
     files = (assets / "bar2.obj", assets / "bar.tgf")
     line = fails("train", *files, "--motion", tmp_path / "bad.json", "-o", out / "m.nilbs")

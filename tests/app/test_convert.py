@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from nilbs.app.main import main
+from nilbs.characters.loading import read_rigged_mesh
+from nilbs.characters.saving import write_files
 from nilbs.geometry.kinematics import forward_kinematics, smooth_random_rotations
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import skeleton_of_joints
@@ -14,8 +16,6 @@ from nilbs.io import read_mesh, read_parts, read_transforms, read_weights, write
 from nilbs.io.bone_map import write_bone_map
 from nilbs.io.parts import Clip, Mesh
 from nilbs.io.registry import READABLE, WRITABLE
-from nilbs.loading import read_rigged_mesh
-from nilbs.saving import write_files
 
 CLOSE = 1e-5  # of the size
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nilbs.gingerbread import gingerbread
+from nilbs.characters.gingerbread import gingerbread
 
 from .bodies import chain, joined, plate, plate_spine, reversed_faces, shifted, skeleton
 from .case import Case, kind

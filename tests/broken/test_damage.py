@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nilbs.character import solve_weights
+from nilbs.characters.character import solve_weights
 from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.triangles import conforming_triangles

@@ -31,7 +31,7 @@ def test_shares_of_the_body() -> None:
 
 
 def test_faults_are_found() -> None:
-    from nilbs.character import solve_weights
+    from nilbs.characters.character import solve_weights
 
     case = Case(*worm(), spine(2))
     solved = solve_weights(case.V, case.F, case.skeleton)

@@ -42,7 +42,7 @@ class Verdict:
 
 
 def verdict(kind: Kind, seed: int = 0) -> Verdict:
-    from nilbs.character import solve_weights
+    from nilbs.characters.character import solve_weights
 
     case = kind.case(seed)
     start = perf_counter(), process_time()

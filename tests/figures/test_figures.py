@@ -5,15 +5,16 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
-from nilbs.character import Character
+from nilbs.characters.character import Character
+from nilbs.characters.gingerbread import gingerbread
+from nilbs.characters.motion import random_motion
 from nilbs.figures import ghost_figure, reconstruction_figure, write_figures
 from nilbs.figures.canvas import FALSE_INSIDE, FALSE_OUTSIDE
 from nilbs.figures.training import running_median
 from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.gingerbread import gingerbread
-from nilbs.motion import random_motion
-from nilbs.settings import Settings
+from nilbs.methods.settings import Settings
 
 NAMES = ["notation.png", "weights.png", "ghost.png", "training.png", "reconstruction.png"]
 
@@ -29,7 +30,7 @@ def two_bones(d: int) -> Character:
     upper = 1 / (1 + np.exp(-V[:, 1] / 0.03))
     W = np.column_stack([1 - upper, upper])
     BE, P = np.array([[0, 1], [1, 2]]), np.array([-1, 0])
-    return Character("man", V, F, C, BE, P, ("low", "high"), W, V, np.empty((0, d + 1), dtype=int), W)
+    return Character("man", V, F, Skeleton(C, BE, P, ("low", "high")), W, V, np.empty((0, d + 1), dtype=int), W)
 
 
 class Truth:

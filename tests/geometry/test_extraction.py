@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from nilbs.fields.mesh_lbs import MeshLbs
 from nilbs.geometry.extraction import field_surface, node_levels
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.metrics import surface_scores
 from nilbs.geometry.occupancy import occupancy
+from nilbs.methods.mesh_lbs import MeshLbs
 
 
 def ball(x: np.ndarray) -> np.ndarray:

@@ -1,0 +1,1 @@
+"""Clients of the package: what is timed and scored, against what."""

@@ -1,0 +1,53 @@
+"""`nilbs evaluate`: score a model against ordinary skinning."""
+
+import argparse
+
+from nilbs.app.options import add_json, add_points, add_resolution, add_seed
+from nilbs.methods.settings import ROWS
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
+    parser.add_argument("--out", metavar="DIR", help="also write scores.json, scores.txt and pictures here")
+    parser.add_argument(
+        "--rows",
+        nargs="+",
+        default=(),
+        choices=tuple(ROWS),
+        metavar="ROW",
+        help="score these beside the model: " + "; ".join(f"{row}, {what}" for row, what in ROWS.items()),
+    )
+    add_points(parser)
+    add_resolution(parser)
+    add_seed(parser)
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Score, write and report."""
+    from pathlib import Path
+
+    from nilbs.app.output import show
+    from nilbs.app.scoring import SCORE_FILES, write_scores
+    from nilbs.io import check_writable
+    from nilbs.models.model_file import load_model
+
+    model = load_model(args.model)
+    if args.out is not None:
+        from nilbs.figures import figure_files, write_figures
+
+        # Before the work: what would fail only after it.
+        Path(args.out).mkdir(parents=True, exist_ok=True)
+        for name in (*SCORE_FILES, *figure_files(model)):
+            check_writable(Path(args.out) / name)
+
+    from nilbs.models.evaluation import evaluate
+
+    scores = evaluate(
+        model, points=args.points, resolution=args.resolution, seed=args.seed, rows=args.rows, progress=True
+    )
+    if args.out is not None:
+        write_scores(scores, Path(args.out))
+        write_figures(model, args.out, resolution=args.resolution)
+    show(scores.values, as_json=args.json, table=str(scores))

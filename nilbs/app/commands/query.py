@@ -1,0 +1,51 @@
+"""`nilbs query`: ask a model about points in a pose."""
+
+import argparse
+
+from nilbs.app.options import add_json, add_pose
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
+    parser.add_argument("points", metavar="POINTS.npy", help="posed points, an array (n, d)")
+    add_pose(parser)
+    parser.add_argument(
+        "--distance",
+        action="store_true",
+        help="signed distance in mesh units, negative inside, not occupancy; read at the rest image, so that it is the "
+        "rest shape's",
+    )
+    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the (n,) values to write, .npy")
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Ask, write and report."""
+    from time import perf_counter
+
+    from nilbs.app.output import show
+    from nilbs.app.poses import chosen_pose
+    from nilbs.io import FileFormatError, check_suffix, check_writable, read_npy, write_npy
+    from nilbs.models.model_file import load_model
+
+    check_suffix(args.output, ".npy")
+    check_writable(args.output, inputs=[args.points])
+    x = read_npy(args.points)
+    model = load_model(args.model)
+    d = model.character.d
+    if x.ndim != 2 or x.shape[1] != d:
+        raise FileFormatError(args.points, f"points must be (n, {d}) for this model, the file holds {x.shape}")
+    pose = chosen_pose(model, args)
+    start = perf_counter()
+    values = model.distance(x, pose) if args.distance else model.occupancy(x, pose)
+    seconds = perf_counter() - start
+    write_npy(args.output, values)
+    report = {
+        "points": len(x),
+        "quantity": "distance" if args.distance else "occupancy",
+        "inside": int(((values < 0) if args.distance else (values > 0.5)).sum()),
+        "seconds": seconds,
+        "output": args.output,
+    }
+    show(report, as_json=args.json)

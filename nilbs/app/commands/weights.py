@@ -1,0 +1,66 @@
+"""`nilbs weights`: solve for skinning weights, and say how good they are."""
+
+import argparse
+
+from nilbs.app.options import add_character, add_json
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    add_character(parser)
+    parser.add_argument("-o", "--output", metavar="FILE", help="the weights to write, .npz or .dmat")
+    parser.add_argument(
+        "--method",
+        choices=("joint", "igl"),
+        default="joint",
+        help="all bones at once (the default), or libigl's reference bone by bone",
+    )
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Solve, write and report."""
+    from time import perf_counter
+
+    import numpy as np
+
+    from nilbs.app.output import rows, show
+    from nilbs.app.poses import tell
+    from nilbs.characters.loading import read_rigged_mesh
+    from nilbs.geometry.rig_weights import solve_weights
+    from nilbs.io import check_suffix, check_writable, write_weights
+
+    if args.output is not None:
+        check_suffix(args.output, ".npz", ".dmat")
+        check_writable(args.output, inputs=[file for file in (args.mesh, args.rig) if file is not None])
+    notes: list[str] = []
+
+    def noted(line: str) -> None:
+        notes.append(line)
+        tell(line)
+
+    rigged = read_rigged_mesh(args.mesh, args.rig, group=args.group, solve=True, report=noted)
+    V, E = rigged.V, rigged.E
+    start = perf_counter()
+    try:
+        solved = solve_weights(V, E, rigged.skeleton, method=args.method, progress=True)
+    except ValueError as error:
+        raise ValueError(f"{rigged.files}: {error}") from error
+    seconds = perf_counter() - start
+    for note in solved.notes:
+        noted(note)
+    values = {
+        "min": solved.W.min(),
+        "max": solved.W.max(),
+        "row_sum_error": np.abs(solved.W.sum(axis=1) - 1).max(),
+        "energy": solved.energy,
+        "seconds": seconds,
+        "method": solved.method,
+        "vertices": len(V),
+        "bones": len(rigged.skeleton.BE),
+        "volume_vertices": len(solved.V_volume),
+    }
+    if args.output is not None:
+        write_weights(args.output, solved.W)
+        values["output"] = args.output
+    show(values | {"notes": notes}, as_json=args.json, table=rows(values))

@@ -1,0 +1,1 @@
+"""Characters and their motions: read, combined, written; no torch."""

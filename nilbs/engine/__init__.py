@@ -1,0 +1,1 @@
+"""Queries without torch; empty until there is a compiled engine."""

@@ -1,0 +1,1 @@
+"""Methods: what each field is made of, and what its training minimises."""

@@ -1,0 +1,1 @@
+"""Trained methods of characters: fitted, kept in files, queried and scored."""

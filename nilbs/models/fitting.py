@@ -1,0 +1,218 @@
+"""From a character and a motion to a trained model."""
+
+import hashlib
+import json
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import torch
+
+from nilbs.characters.character import Character
+from nilbs.characters.motion import Motion
+from nilbs.characters.report import Report, silent
+from nilbs.fields.field import Field
+from nilbs.fields.objective import Objective
+from nilbs.fields.training import TrainingState, train
+from nilbs.methods.building import build_field, build_objective
+from nilbs.methods.settings import UNTRAINED, Settings
+from nilbs.models.model import Model, torch_device
+
+CHECKPOINT_KIND = "nilbs checkpoint 4"
+# Steps that tell how long a step takes, and the part of the time after which fewer must do.
+TRIAL = 16
+TRIAL_PART = 0.1
+# That a time can have meant.
+MOST_STEPS = 10**8
+
+
+def fit(
+    character: Character,
+    motion: Motion,
+    settings: Settings | None = None,
+    *,
+    device: str = "auto",
+    dtype: torch.dtype = torch.float32,
+    minutes: float | None = None,
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
+    progress: bool = False,
+    report: Report | None = None,
+    **changes: Any,
+) -> Model:
+    """Train a field on a character in motion.
+
+    Parameters
+    ----------
+    character : Character
+    motion : Motion
+        Its frames are what the occupancy loss sees.
+    settings : Settings, optional
+        How to train.
+    device : str
+        "cpu", "cuda", ... or "auto".
+    dtype : torch.dtype
+        torch.float32 or torch.float64.
+    minutes : float, optional
+        How long the steps may take together, in place of their number: as many are taken as a short trial says will
+        fit. The model's settings then tell that number, and a training with it gives the same model.
+    checkpoint : path, optional
+        Where the training is saved while it runs; `remove_checkpoint` removes it when the model is safe.
+    resume : bool
+        Whether to go on from the checkpoint, if there is one.
+    progress : bool
+        Show progress on standard error.
+    report : function of str, optional
+        Receives a line on where a continued training goes on.
+    **changes
+        Settings by name, in place of those given: ``fit(character, motion, steps=1000, seed=3)``.
+
+    Returns
+    -------
+    model : Model
+
+    Raises
+    ------
+    ValueError
+        If the motion moves another number of bones, a setting is out of range, both steps and minutes are given,
+        torch has no such device, or the checkpoint belongs to another training.
+    FileFormatError
+        If the checkpoint cannot be read.
+    FloatingPointError
+        If the loss is no number any more: the learning rate is too large.
+
+    Examples
+    --------
+    >>> from nilbs.characters.capsule import capsule
+    >>> from nilbs.characters.motion import random_motion
+    >>> character = capsule(d=2)
+    >>> model = fit(character, random_motion(character, frames=2), method="nearest")
+    >>> model.occupancy([[0, -0.3], [9, 9]], model.motion[0]) > 0.5
+    array([ True, False])
+    """
+    settings = replace(settings or Settings(), **changes)
+    if not len(motion):
+        raise ValueError("the motion has no frames")
+    if minutes is not None and not (0 < minutes < float("inf") and settings.steps == 0):
+        raise ValueError(f"minutes must be positive and stand alone, got {minutes} and {settings.steps} steps")
+    settings = settings.resolved(bones=len(character.skeleton.BE), d=character.d)
+    report = report or silent
+    if motion.B.shape[1:] != (len(character.skeleton.BE), character.d + 1, character.d + 1):
+        raise ValueError(
+            f"the motion moves {motion.B.shape[1]} bones in {motion.B.shape[2] - 1} dimensions, "
+            f"the character has {len(character.skeleton.BE)} in {character.d}"
+        )
+    # How long a training takes is no part of what it is.
+    open_ended = settings if minutes is None else replace(settings, steps=0)
+    fingerprint = _fingerprint(character, motion, open_ended, dtype)
+    state = None
+    if checkpoint is not None and resume:
+        state = _load_checkpoint(Path(checkpoint), fingerprint, report)
+    with torch.random.fork_rng():  # networks begin as torch's own generator says, which is the caller's
+        torch.manual_seed(settings.seed)
+        field = build_field(character, settings).to(device=torch_device(device), dtype=dtype)
+    if settings.method in UNTRAINED:
+        report(f"the method {settings.method} learns nothing: there is no training")
+        return Model(character, motion, settings, np.zeros(0), field)
+    objective = build_objective(field, character, motion, settings, progress=progress)
+    steps = settings.steps
+    if state is not None:
+        steps = state.steps
+    elif minutes is not None:
+        report("measuring how long a step takes")
+        steps = _steps_within(60 * minutes, field, objective, settings.learning_rate)
+        report(f"{steps} steps will take about {minutes:g} min")
+
+    def save(state: TrainingState) -> None:
+        if checkpoint is not None:
+            _save_checkpoint(Path(checkpoint), fingerprint, steps, state)
+
+    history = train(
+        field,
+        objective,
+        steps=steps,
+        learning_rate=settings.learning_rate,
+        state=None if state is None else state.training,
+        save=save,
+        save_every=objective.memory,
+        progress=progress,
+    )
+    return Model(character, motion, replace(settings, steps=steps), history, field)
+
+
+def remove_checkpoint(path: str | Path) -> None:
+    """Remove the checkpoint of a training whose model is safe."""
+    with suppress(FileNotFoundError):
+        Path(path).unlink()
+
+
+@dataclass(frozen=True)
+class _Checkpoint:
+    steps: int  # of the whole training
+    training: TrainingState
+
+
+def _steps_within(seconds: float, field: Field, objective: Objective, learning_rate: float) -> int:
+    """How many steps fit into a time, by a trial that leaves the field as it was."""
+    initial = {name: tensor.clone() for name, tensor in field.state_dict().items()}
+    start = perf_counter()
+    count = 1
+    while True:  # the first steps of a process are slow, and say little
+        began = perf_counter()
+        train(field, objective, steps=count, learning_rate=learning_rate)
+        now = perf_counter()
+        step = (now - began) / count
+        if count >= TRIAL or (count > 1 and now - start > TRIAL_PART * seconds):
+            break
+        count *= 2
+    look = 0.0
+    if objective.memory > 1:
+        objective(objective.memory)
+        look = perf_counter() - now - step
+    field.load_state_dict(initial)
+    steps = seconds / (step + look / objective.memory)
+    if not steps < MOST_STEPS:
+        raise ValueError(f"minutes are {seconds / 60:g}, enough for {steps:.1g} steps; {MOST_STEPS:g} are the most")
+    return max(1, int(steps))
+
+
+def _fingerprint(character: Character, motion: Motion, settings: Settings, dtype: torch.dtype) -> str:
+    """What a checkpoint belongs to: everything that the training depends on."""
+    digest = hashlib.sha256(json.dumps([asdict(settings), str(dtype)], sort_keys=True).encode())
+    for array in (*character.arrays().values(), motion.B):
+        digest.update(f"{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _save_checkpoint(path: Path, fingerprint: str, steps: int, state: TrainingState) -> None:
+    from nilbs.io.archive import write_archive
+
+    settings = {"step": state.step, "steps": steps, "fingerprint": fingerprint}
+    write_archive(path, {**state.tensors, "history": state.history}, settings, kind=CHECKPOINT_KIND)
+
+
+def _load_checkpoint(path: Path, fingerprint: str, report: Report) -> _Checkpoint | None:
+    from nilbs.io.archive import read_archive
+    from nilbs.io.errors import FileFormatError
+
+    if not path.exists():
+        report(f"no checkpoint {path}: training starts at step 0")
+        return None
+    try:
+        tensors, settings = read_archive(path, kind=CHECKPOINT_KIND)
+    except FileFormatError as error:
+        raise FileFormatError(path, f"{error.message}: remove it to start anew") from None
+    if settings.get("fingerprint") != fingerprint:
+        raise FileFormatError(
+            path, "belongs to a training with other files or settings: go on with those, or remove it to start anew"
+        )
+    history = tensors.pop("history", np.zeros(0))
+    step, steps = settings.get("step"), settings.get("steps")
+    if not (type(step) is type(steps) is int and 0 <= step <= steps <= MOST_STEPS and history.shape == (step,)):
+        raise FileFormatError(path, "its numbers of steps do not fit: remove it to start anew")
+    report(f"continuing at step {step} of {steps}")
+    return _Checkpoint(steps, TrainingState(step, tensors, history))

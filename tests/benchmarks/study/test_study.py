@@ -1,0 +1,87 @@
+"""The command itself."""
+
+import json
+from xml.etree import ElementTree
+
+import pytest
+
+from benchmarks.study.__main__ import main
+from benchmarks.study.outputs import FILES
+from benchmarks.study.plan import PARTS
+
+
+def test_what_cannot_be_meant_is_refused(tmp_path, capsys) -> None:
+    out = str(tmp_path / "out")
+    assert main(["--out", out, "--quick", "--seeds", "2"]) == 2
+    assert "--seeds cannot stand beside --quick" in capsys.readouterr().err
+    assert main(["--out", out, "--data", str(tmp_path / "none")]) == 2
+    assert "this is no folder; --data names one that holds" in capsys.readouterr().err
+    for words in (["--minutes", "0"], ["--only", "everything"], ["--seeds", "0"], ["--seeds", "101"]):
+        with pytest.raises(SystemExit) as stop:
+            main(["--out", out, *words])
+        assert stop.value.code == 2
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("taken", "message"),
+    [
+        ("out", "out: this is a file, and the study needs a folder\n"),
+        ("out/pictures", "pictures: this is a file, where a folder is wanted\n"),
+    ],
+)
+def test_a_file_where_a_folder_is_wanted_is_told_before_the_work(taken: str, message: str, tmp_path, capsys) -> None:
+    path = tmp_path / taken
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("mine")
+    assert main(["--out", str(tmp_path / "out"), "--quick"]) == 2
+    assert capsys.readouterr().err.endswith(message)
+    assert path.read_text() == "mine"
+
+
+def test_a_stop_leaves_tables_and_says_how_to_go_on(tmp_path, capsys, monkeypatch) -> None:
+    def stopped(worker, job) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("benchmarks.study.runner.Worker.__call__", stopped)
+    assert main(["--out", str(tmp_path), "--quick"]) == 130
+    assert "the same command goes on from here" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {*FILES, "lock"}
+
+
+def test_failed_jobs_are_told_and_the_status_is_two(tmp_path, capsys, monkeypatch) -> None:
+    def failing(worker, job) -> bool:
+        worker._store.fail(job, "ValueError: no luck")
+        return False
+
+    monkeypatch.setattr("benchmarks.study.runner.Worker.__call__", failing)
+    assert main(["--out", str(tmp_path), "--quick", "--only", "twist", "--json"]) == 2
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["failed"] == {"twist/capsule": "ValueError: no luck"}
+    lines = printed.err.splitlines()
+    assert "nilbs: twist/capsule failed: ValueError: no luck" in lines
+    assert lines[-1] == "nilbs: error: 1 of 1 jobs failed; the same command tries them again"
+
+
+@pytest.mark.slow
+def test_the_quick_study_runs_for_real_and_is_not_run_again(tmp_path, capsys) -> None:
+    out = tmp_path / "study"
+    assert main(["--out", str(out), "--quick", "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    assert values["failed"] == {}
+    assert values["unfinished"] == []
+    written = json.loads((out / "study.json").read_text())
+    known = {(row["part"], row["method"]) for row in written["rows"]}
+    assert {part for part, _ in known} == set(PARTS) - {"twist", "failures"}
+    assert {method for part, method in known if part == "methods"} >= {
+        "nilbs", "paper", "inverse", "reverse", "fixed-point", "one-search", "all-bones", "nasa", "nasa-rigid", "snarf",
+        "mlp", "nearest", "rigid-parts", "floor", "mesh-lbs",
+    }  # fmt: skip
+    for controls in written["controls"].values():
+        assert set(controls["perfect"].values()) == {1.0}
+        assert set(controls["empty"].values()) | set(controls["inverted"].values()) == {0.0}
+    page = ElementTree.fromstring((out / "study.html").read_text().replace("<!DOCTYPE html>", ""))
+    assert len(list(page.iter("img"))) >= 6
+    before = {path: path.stat().st_mtime_ns for path in (out / "results").rglob("*.json")}
+    assert main(["--out", str(out), "--quick", "--json"]) == 0
+    assert {path: path.stat().st_mtime_ns for path in (out / "results").rglob("*.json")} == before
