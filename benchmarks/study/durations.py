@@ -5,7 +5,7 @@ from typing import Any
 
 from benchmarks.study.characters import SOURCES
 from benchmarks.study.scale import ASKS_BONES
-from nilbs.methods.settings import POINTS, RESOLUTION
+from nilbs.models.protocol import POINTS, RESOLUTION
 
 # Seconds a pose on one thread of two, rounded from what jobs took, the elephant's where it has them: the truth and both
 # point sets; the points of a row; its surface at 128 cells; distances. Points and surfaces take longer with more bones

@@ -31,7 +31,7 @@ from nilbs.geometry.metrics import intersection_over_union
 from nilbs.geometry.occupancy import occupancy, winding_number
 from nilbs.geometry.skeleton import skeleton_of_bones
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.methods.settings import RESOLUTION
+from nilbs.models.protocol import RESOLUTION
 
 if TYPE_CHECKING:
     from nilbs.characters.character import Character

@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, Job, Plan
 from benchmarks.study.store import Store, number
-from nilbs.methods.settings import IOUS
+from nilbs.models.protocol import IOUS
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from nilbs.methods.settings import FRAMES, POINTS, POSE_SETS, RESOLUTION
+from nilbs.characters import FRAMES
+from nilbs.models.protocol import POINTS, POSE_SETS, RESOLUTION
 
 SWEEP_SETS = ("unseen", "far")
 # What is trained: the settings that make a method of the name.

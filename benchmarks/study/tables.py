@@ -10,7 +10,8 @@ from benchmarks.study.results import Score, controls, others, scores, series, su
 from benchmarks.study.scale import ABLATIONS, SWEEP_SETS, TRAINED
 from benchmarks.study.store import Store, number
 from nilbs.geometry.metrics import HIGHER_IS_BETTER
-from nilbs.methods.settings import IOUS, MAPPINGS, POSE_SETS, ROWS
+from nilbs.methods.settings import MAPPINGS, ROWS
+from nilbs.models.protocol import IOUS, POSE_SETS
 
 # Rows that are the truth itself.
 TRUTH = ("mesh-lbs", "floor")

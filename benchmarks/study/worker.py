@@ -20,7 +20,7 @@ from benchmarks.study.characters import motion_of, prepared
 from benchmarks.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Job
 from benchmarks.study.store import Store
 from nilbs.app.memory import peak_memory_mib
-from nilbs.methods.settings import IOUS
+from nilbs.models.protocol import IOUS
 
 if TYPE_CHECKING:
     from nilbs.models.model import Model

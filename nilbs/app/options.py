@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable
 
-from nilbs.methods.settings import POINTS, RESOLUTION
+from nilbs.models.protocol import POINTS, RESOLUTION
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nilbs.characters import AMPLITUDE, FRAMES
 from nilbs.characters.character import Character
 from nilbs.characters.report import Report, silent
 from nilbs.geometry.kinematics import (
@@ -19,7 +20,6 @@ from nilbs.geometry.kinematics import (
 from nilbs.geometry.rotations import interpolate_transforms
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
-from nilbs.methods.settings import AMPLITUDE, FRAMES
 
 if TYPE_CHECKING:
     from nilbs.characters.clips import BoneMap

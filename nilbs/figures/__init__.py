@@ -11,7 +11,7 @@ from nilbs.figures.notation import notation_figure
 from nilbs.figures.reconstruction import reconstruction_figure
 from nilbs.figures.training import training_figure
 from nilbs.figures.weights import weights_figure
-from nilbs.methods.settings import RESOLUTION
+from nilbs.models.protocol import RESOLUTION
 
 if TYPE_CHECKING:
     from nilbs.models.model import Model

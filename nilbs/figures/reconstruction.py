@@ -13,7 +13,7 @@ from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import View
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.methods.settings import RESOLUTION
+from nilbs.models.protocol import RESOLUTION
 
 if TYPE_CHECKING:
     from nilbs.models.model import Model

@@ -4,13 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-FRAMES = 100  # of random motion, and of other motion that a training takes
-AMPLITUDE = 0.4  # rad, rms, of random motion
 NOISE = 0.006  # of L: standard deviation of points near the surface, in training and in scores
-POINTS = 100_000  # a frame, of scores
-POSE_SETS = ("seen", "interpolated", "unseen", "far")  # of scores
-IOUS = ("iou_bbox", "iou_surface")  # scores of points uniform around the body, and of points near its surface
-RESOLUTION = 128  # cells along the longest edge of the grid that surfaces are extracted on
 
 # Methods that a field can be trained by, and what their networks and batches are where nothing else is asked for.
 METHODS: dict[str, dict[str, float]] = {

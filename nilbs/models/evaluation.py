@@ -17,9 +17,10 @@ from nilbs.geometry.sampling import near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.methods.building import build_field
 from nilbs.methods.mesh_lbs import MeshLbs
-from nilbs.methods.settings import IOUS, MAPPINGS, NOISE, POINTS, POSE_SETS, RESOLUTION, ROWS, Settings
+from nilbs.methods.settings import MAPPINGS, NOISE, ROWS, Settings
 from nilbs.models.model import Model
 from nilbs.models.posed_model import PosedModel
+from nilbs.models.protocol import IOUS, POINTS, POSE_SETS, RESOLUTION
 
 POSES = 10
 # Standard deviation in radians of each bone's local angle.

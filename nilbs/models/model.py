@@ -15,8 +15,9 @@ from nilbs.fields.field import Field
 from nilbs.fields.unit_frame import root_bone
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.methods.settings import RESOLUTION, Settings
+from nilbs.methods.settings import Settings
 from nilbs.models.posed_model import PosedModel, answer_in_mesh_units, searching
+from nilbs.models.protocol import RESOLUTION
 
 if TYPE_CHECKING:
     from typing import Self

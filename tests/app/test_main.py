@@ -141,7 +141,8 @@ def test_a_name_that_the_terminal_has_no_letters_for(assets, tmp_path):
 def test_ctrl_c(tmp_path):
     code = (
         "import signal, sys, time; from nilbs.app import main; from nilbs.app.commands import info; "
-        "signal.signal(signal.SIGINT, signal.default_int_handler); info.run = lambda args: (print('on', flush=True), time.sleep(60));"
+        "signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "info.run = lambda args: (print('on', flush=True), time.sleep(60));"
         "sys.exit(main.main(['info', 'a.obj']))"
     )
     words = [sys.executable, "-c", code]

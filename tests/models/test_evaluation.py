@@ -15,8 +15,9 @@ from nilbs.geometry.kinematics import local_rotations
 from nilbs.geometry.rotations import rotation_matrices
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.methods.mesh_lbs import MeshLbs
-from nilbs.methods.settings import IOUS, POSE_SETS, Settings
+from nilbs.methods.settings import Settings
 from nilbs.models.evaluation import evaluate, evaluation_poses
+from nilbs.models.protocol import IOUS, POSE_SETS
 
 SCORES = {
     "iou_bbox", "iou_surface", "chamfer_l1", "chamfer_l1_sampled", "hausdorff", "p95", "normal_consistency", "f_score",

@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from nilbs.app.options import add_json, add_points, add_resolution, add_seed, whole
-from nilbs.methods.settings import FRAMES
+from nilbs.characters import FRAMES
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

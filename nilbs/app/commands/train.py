@@ -5,7 +5,8 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from nilbs.app.options import add_character, add_json, add_motion, add_seed, add_solve, not_negative, positive, whole
-from nilbs.methods.settings import AMPLITUDE, FRAMES, METHODS, ONLY_NILBS, UNTRAINED, Settings
+from nilbs.characters import AMPLITUDE, FRAMES
+from nilbs.methods.settings import METHODS, ONLY_NILBS, UNTRAINED, Settings
 
 if TYPE_CHECKING:
     from nilbs.characters.character import Character

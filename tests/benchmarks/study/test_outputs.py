@@ -17,7 +17,8 @@ from benchmarks.study.results import Score, series, summary
 from benchmarks.study.runner import run
 from benchmarks.study.scale import full_scale, quick_scale
 from benchmarks.study.tables import Cell, Table, study_tables
-from nilbs.methods.settings import IOUS, MAPPINGS, POSE_SETS
+from nilbs.methods.settings import MAPPINGS
+from nilbs.models.protocol import IOUS, POSE_SETS
 
 TITLES = {"gingerbread-2d": "flat man", "elephant": "elephant"}
 

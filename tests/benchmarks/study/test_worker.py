@@ -12,7 +12,7 @@ from benchmarks.study.jobs import Job
 from benchmarks.study.worker import do
 from nilbs.characters.motion import Motion
 from nilbs.io.errors import FileFormatError
-from nilbs.methods.settings import IOUS
+from nilbs.models.protocol import IOUS
 
 SPEC = {
     "character": "arm",
