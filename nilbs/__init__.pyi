@@ -2,8 +2,8 @@ from .characters.character import Character as Character
 from .characters.character import assemble as assemble
 from .characters.loading import load_character as load_character
 from .characters.motion import Motion as Motion
+from .characters.motion import load_motion as load_motion
 from .characters.motion import random_motion as random_motion
-from .characters.motion import read_motion as read_motion
 from .characters.saving import save_character as save_character
 from .geometry.rig_weights import solve_weights as solve_weights
 from .geometry.skeleton import Skeleton as Skeleton

@@ -71,7 +71,7 @@ def test_the_elephant_with_weights_that_came_with_it(elephant: nilbs.Character, 
 
 def test_the_elephant_s_own_motion(elephant: nilbs.Character, data: Path) -> None:
     path, c = data / "elephant" / "elephant-anim.dmat", elephant
-    motion = nilbs.read_motion(path, c)
+    motion = nilbs.load_motion(path, c)
     assert motion.B.shape == (457, 24, 4, 4)
     np.testing.assert_array_equal(motion.B, read_transforms(path))
     np.testing.assert_array_equal(motion[0], np.broadcast_to(np.eye(4), (24, 4, 4)))

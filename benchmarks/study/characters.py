@@ -170,13 +170,13 @@ def motion_of(name: str, character: "Character", data: Path | None, *, frames: i
     -------
     motion : Motion
     """
-    from nilbs.characters.motion import random_motion, read_motion
+    from nilbs.characters.motion import load_motion, random_motion
 
     source = SOURCES[name]
     if not source.motion:
         return random_motion(character, frames=frames, seed=seed)
     assert data is not None
-    return read_motion(data / source.motion, character).take(frames)
+    return load_motion(data / source.motion, character).take(frames)
 
 
 def _loaded(source: Source, data: Path | None, report: Report) -> "Character":

@@ -6,10 +6,10 @@ from typing import Any
 
 from nilbs.characters.loading import whole_or_group
 from nilbs.geometry.plane import in_space
-from nilbs.io import FileFormatError, check_suffix, read_npy, read_parts, read_transforms, read_weights
+from nilbs.io import FileFormatError, check_suffix, read_bundle, read_npy, read_transforms, read_weights
+from nilbs.io.bundle import Bundle
 from nilbs.io.makehuman import read_mhw
 from nilbs.io.motion import read_motion_json
-from nilbs.io.parts import Parts
 from nilbs.io.registry import READABLE, kind_of
 
 _AFTER_OTHERS = {".mhskel": 1, ".mhw": 2}  # files that take a mesh, or a rig, to be read
@@ -62,7 +62,7 @@ def _read(path: str, suffix: str, others: list[Content], group: str | None) -> l
     kind = kind_of(path)
     if kind == "parts":
         V = next((other.arrays["whole"] for other in others if other.kind == "mesh"), None)
-        return _parts(path, read_parts(path, V=None if V is None else in_space(V)), group)
+        return _parts(path, read_bundle(path, V=None if V is None else in_space(V)), group)
     if suffix == ".mhw":
         # The last one: a .mhskel, if there is one, was read after the skeletons of motions.
         rig = next((other.arrays["skeleton"] for other in reversed(others) if other.kind == "rig"), None)
@@ -78,7 +78,7 @@ def _read(path: str, suffix: str, others: list[Content], group: str | None) -> l
     return [Content(path, "motion", {"B": read_transforms(path)})]
 
 
-def _parts(path: str, parts: Parts, group: str | None) -> list[Content]:
+def _parts(path: str, parts: Bundle, group: str | None) -> list[Content]:
     contents: list[Content] = []
     if parts.mesh is not None:
         try:

@@ -12,7 +12,7 @@ from nilbs.geometry.plane import in_space
 from nilbs.geometry.rig_diagnosis import coincident_joints
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.volume import boundary_facets, element_volumes
-from nilbs.io.parts import Influences
+from nilbs.io.bundle import Influences
 
 # Weights that are further than this from rows on the simplex are a mistake and not rounding.
 _TOLERANCE = 1e-6

@@ -13,9 +13,9 @@ from nilbs.characters.saving import clip_of
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import listed
+from nilbs.io.bundle import Bundle, Clip, Mesh
 from nilbs.io.errors import FileFormatError
-from nilbs.io.parts import Clip, Mesh, Parts
-from nilbs.io.registry import MESHES, RIGS, kind_of, read_parts
+from nilbs.io.registry import MESHES, RIGS, kind_of, read_bundle
 
 if TYPE_CHECKING:
     from nilbs.characters.motion import Motion
@@ -58,7 +58,7 @@ class Inputs:
 def gather(
     paths: Sequence[str],
     *,
-    read_motion: ReadMotion,
+    load_motion: ReadMotion,
     clip: str | None = None,
     group: str | None = None,
     solve: bool = False,
@@ -72,7 +72,7 @@ def gather(
         A mesh is taken from a file of a mesh alone, if there is one, else from one that holds more; so is a rig, and
         of files that hold more, that of the mesh comes first and a `.bvh` last. Motions are those of all other files,
         or else the rig's file's own.
-    read_motion : function of str and Skeleton
+    load_motion : function of str and Skeleton
         Reads a motion for a skeleton that is not the motion's own.
     clip : str, optional
         Which of the motions of the rig's own file; all by default.
@@ -90,13 +90,13 @@ def gather(
     """
     kinds = {path: kind_of(path) for path in paths}
     parts = {
-        path: read_parts(path)
+        path: read_bundle(path)
         for path, kind in kinds.items()
         if kind == "parts" and not path.lower().endswith(".mhskel")
     }
     mesh_path = _one([path for path, held in parts.items() if held.mesh is not None], "a mesh", _mesh_rank)
     V = None if mesh_path is None else in_space(_mesh_of(parts[mesh_path]).V)
-    parts |= {path: read_parts(path, V=V) for path, kind in kinds.items() if kind == "parts" and path not in parts}
+    parts |= {path: read_bundle(path, V=V) for path, kind in kinds.items() if kind == "parts" and path not in parts}
     rigs = [path for path, held in parts.items() if held.skeleton is not None]
     rig_path = _one(rigs, "a rig", lambda path: _rig_rank(path, path == mesh_path))
     weights_path = _one([path for path, kind in kinds.items() if kind == "weights"], "weights", lambda path: 0)
@@ -139,7 +139,7 @@ def gather(
     if rig_path is not None:
         taken[rig_path].insert(1 if rig_path == mesh_path else 0, "rig")
     if moving:
-        clips = tuple(_clip_of_file(path, skeleton, read_motion) for path in moving)
+        clips = tuple(_clip_of_file(path, skeleton, load_motion) for path in moving)
         for path in moving:
             taken[path].append("motion")
     elif clips and rig_path is not None:
@@ -166,16 +166,16 @@ def _rig_rank(path: str, with_mesh: bool) -> int:
     return 0 if suffix in RIGS else 3 if suffix == ".bvh" else 1 if with_mesh else 2
 
 
-def _mesh_of(parts: Parts) -> Mesh:
+def _mesh_of(parts: Bundle) -> Mesh:
     assert parts.mesh is not None
     return parts.mesh
 
 
-def _moves(parts: Parts | None) -> bool:
+def _moves(parts: Bundle | None) -> bool:
     return parts is not None and bool(parts.clips)
 
 
-def _tell_notes(path: str, parts: Parts, report: Report) -> None:
+def _tell_notes(path: str, parts: Bundle, report: Report) -> None:
     for note in parts.notes:
         report(f"{path}: {note}")
 
@@ -192,10 +192,10 @@ def _weights_alone(path: str, skeleton: Skeleton | None) -> np.ndarray:
     return W
 
 
-def _clip_of_file(path: str, skeleton: Skeleton | None, read_motion: ReadMotion) -> Clip:
+def _clip_of_file(path: str, skeleton: Skeleton | None, load_motion: ReadMotion) -> Clip:
     if skeleton is None:
         raise ValueError(f"{path}: a motion is written together with its rig: give the rig's file too")
-    return clip_of(read_motion(path, skeleton), skeleton)
+    return clip_of(load_motion(path, skeleton), skeleton)
 
 
 def _named(path: str, clips: tuple[Clip, ...], name: str | None) -> tuple[Clip, ...]:

@@ -25,9 +25,9 @@ def motion_of_file(args: argparse.Namespace, skeleton: "Skeleton") -> "Motion":
     FileFormatError, ValueError, OSError
         If the file holds no such motion.
     """
-    from nilbs.characters.motion import read_motion
+    from nilbs.characters.motion import load_motion
 
-    return read_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=tell)
+    return load_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=tell)
 
 
 def check_motion_options(args: argparse.Namespace) -> None:

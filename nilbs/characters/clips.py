@@ -11,8 +11,8 @@ from nilbs.geometry.retargeting import guess_bone_map, retarget
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import listed
 from nilbs.io.bone_map import read_bone_map
+from nilbs.io.bundle import Clip
 from nilbs.io.errors import FileFormatError
-from nilbs.io.parts import Clip
 
 BoneMap = Mapping[str, str | None] | str | os.PathLike
 
@@ -40,9 +40,9 @@ def chosen_clip(path: Path, name: str | None, report: Report) -> Clip:
     OSError
         If it cannot be read.
     """
-    from nilbs.io.registry import read_parts
+    from nilbs.io.registry import read_bundle
 
-    parts = read_parts(path)
+    parts = read_bundle(path)
     for note in parts.notes:
         report(f"{path.name}: {note}")
     names = [clip.name for clip in parts.clips]

@@ -10,7 +10,7 @@ from nilbs.characters.report import Report, silent
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.simplex import weights_on_simplex
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.io.parts import Clip, Mesh, Parts, select_group
+from nilbs.io.bundle import Bundle, Clip, Mesh, select_group
 
 if TYPE_CHECKING:
     from nilbs.characters.character import Character
@@ -154,11 +154,11 @@ def read_rigged_mesh(
     >>> rigged.V.shape, rigged.skeleton.d, rigged.W
     ((3, 2), 2, None)
     """
-    from nilbs.io.registry import read_parts
+    from nilbs.io.registry import read_bundle
 
-    from_mesh = read_parts(mesh)
+    from_mesh = read_bundle(mesh)
     V = None if from_mesh.mesh is None else in_space(from_mesh.mesh.V)
-    from_rig = from_mesh if rig is None else read_parts(rig, V=V)
+    from_rig = from_mesh if rig is None else read_bundle(rig, V=V)
     return fit_together(
         mesh, from_mesh, mesh if rig is None else rig, from_rig, weights, group=group, solve=solve, report=report
     )
@@ -166,9 +166,9 @@ def read_rigged_mesh(
 
 def fit_together(
     mesh_path: str | Path,
-    from_mesh: Parts,
+    from_mesh: Bundle,
     rig_path: str | Path,
-    from_rig: Parts,
+    from_rig: Bundle,
     weights_path: str | Path | None = None,
     *,
     group: str | None = None,
@@ -179,9 +179,9 @@ def fit_together(
 
     Parameters
     ----------
-    mesh_path, from_mesh : path, Parts
+    mesh_path, from_mesh : path, Bundle
         Whose mesh is taken.
-    rig_path, from_rig : path, Parts
+    rig_path, from_rig : path, Bundle
         Whose skeleton, painted weights and motions are taken.
     weights_path, group, solve, report
         As for `load_character`.
@@ -285,7 +285,9 @@ def _weights_of_file(path: str | Path, n: int, kept: np.ndarray, skeleton: Skele
     return W[kept] if len(W) == n else W
 
 
-def _painted_weights(path: str | Path, rig: Parts, mesh: Mesh, skeleton: Skeleton, report: Report) -> np.ndarray | None:
+def _painted_weights(
+    path: str | Path, rig: Bundle, mesh: Mesh, skeleton: Skeleton, report: Report
+) -> np.ndarray | None:
     """Weights of the rig's file, where they are of this mesh."""
     assert rig.influences is not None
     if rig.mesh is not None and rig.mesh is not mesh and not _same_vertices(rig.mesh.V, mesh.V):

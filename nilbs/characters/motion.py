@@ -198,7 +198,7 @@ def random_motion(character: Character, *, frames: int = FRAMES, amplitude: floa
     return Motion(B, np.arange(frames), source, skeleton=character.skeleton)
 
 
-def read_motion(
+def load_motion(
     path: str | Path,
     character: Character | Skeleton,
     *,
@@ -244,7 +244,7 @@ def read_motion(
     >>> from nilbs.io import write_motion_json
     >>> path = tempfile.mkdtemp() + "/bend.json"
     >>> write_motion_json(path, ["bone0"], np.zeros((2, 1, 1)), np.zeros((2, 2)))
-    >>> read_motion(path, skeleton_of_bones([[0, 0], [1, 0]], [[0, 1]])).times.round(3)
+    >>> load_motion(path, skeleton_of_bones([[0, 0], [1, 0]], [[0, 1]])).times.round(3)
     array([0.   , 0.042])
     """
     from nilbs.characters.clips import chosen_clip, clip_transforms

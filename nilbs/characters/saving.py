@@ -14,8 +14,8 @@ from nilbs.geometry.plane import in_space, skeleton_in_space, transforms_in_spac
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import listed
 from nilbs.io.atomic import check_writable, replacing
+from nilbs.io.bundle import Bundle, Clip, Influences, Mesh
 from nilbs.io.errors import check_suffix
-from nilbs.io.parts import Clip, Influences, Mesh, Parts
 from nilbs.io.registry import MESHES, MOTIONS, WRITABLE
 
 if TYPE_CHECKING:
@@ -265,7 +265,7 @@ def _write_gltf(path: Path, c: _Character) -> tuple[tuple[str, ...], tuple[str, 
     if c.mesh is not None and c.skeleton is not None:
         vertex, bone = np.nonzero(c.weights())
         influences = Influences(vertex, bone, c.weights()[vertex, bone])
-    notes = write_gltf(path, Parts(c.mesh, c.skeleton, influences, c.clips))
+    notes = write_gltf(path, Bundle(c.mesh, c.skeleton, influences, c.clips))
     there = {"mesh": c.mesh, "rig": c.skeleton, "weights": influences, "motion": c.clips or None}
     return tuple(name for name, value in there.items() if value is not None), notes
 

@@ -13,10 +13,10 @@ from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
+from nilbs.io.bundle import Bundle, Clip
 from nilbs.io.errors import FileFormatError
 from nilbs.io.joints import first_joints, skeleton_with_ends, written_ends
 from nilbs.io.names import text_of, unique_names, written_names
-from nilbs.io.parts import Clip, Parts
 from nilbs.io.words import finite_numbers
 
 _CHANNEL = re.compile(rb"([xyz])(position|rotation)", re.IGNORECASE)
@@ -34,7 +34,7 @@ _APART = 4e-7  # of the skeleton's size: a joint that moves less has no position
 Lines = Iterator[tuple[int, bytes]]
 
 
-def read_bvh(path: str | os.PathLike) -> Parts:
+def read_bvh(path: str | os.PathLike) -> Bundle:
     r"""Read a skeleton and its motion.
 
     Parameters
@@ -44,7 +44,7 @@ def read_bvh(path: str | os.PathLike) -> Parts:
 
     Returns
     -------
-    parts : Parts
+    bundle : Bundle
         The skeleton, one clip called as the file, and notes on what was decided. In the rest pose all rotations are
         zero and every joint stands at its OFFSET from its parent, a root at its OFFSET from the origin. An End Site is
         where a bone ends.
@@ -104,7 +104,7 @@ def read_bvh(path: str | os.PathLike) -> Parts:
         notes += ("positions of joints below the roots are near zero: they were added to the OFFSETs",)
     skeleton = skeleton_with_ends(rest, np.array([joint.parent for joint in joints]), names, ends)
     clip = Clip(Path(path).stem, skeleton, seconds * np.arange(len(motion)), B)
-    return Parts(skeleton=skeleton, clips=(clip,), notes=notes)
+    return Bundle(skeleton=skeleton, clips=(clip,), notes=notes)
 
 
 def write_bvh(path: str | os.PathLike, clip: Clip) -> tuple[str, ...]:

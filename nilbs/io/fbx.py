@@ -8,10 +8,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from nilbs.io.bounded import file_bytes
+from nilbs.io.bundle import Bundle
 from nilbs.io.errors import FileFormatError
 from nilbs.io.gltf import read_gltf
 from nilbs.io.names import printable
-from nilbs.io.parts import Parts
 
 _SECONDS = 600  # that Blender may take
 _BINARY = b"Kaydara FBX Binary"
@@ -42,7 +42,7 @@ bpy.ops.export_scene.gltf(filepath=target, **{name: value for name, value in wan
 """
 
 
-def read_fbx(path: str | os.PathLike) -> Parts:
+def read_fbx(path: str | os.PathLike) -> Bundle:
     r"""Read a character from an FBX file.
 
     Parameters
@@ -52,7 +52,7 @@ def read_fbx(path: str | os.PathLike) -> Parts:
 
     Returns
     -------
-    parts : Parts
+    bundle : Bundle
         What Blender's copy as GLB holds: mesh, skeleton, weights and motions, with lengths in metres and y up.
 
     Raises

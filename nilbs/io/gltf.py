@@ -6,17 +6,17 @@ import numpy as np
 
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.rotations import transform_points
+from nilbs.io.bundle import Bundle, Mesh
 from nilbs.io.gltf_animation import clips, read_animations
 from nilbs.io.gltf_document import Document
 from nilbs.io.gltf_mesh import read_meshes
 from nilbs.io.gltf_nodes import Nodes, read_nodes
 from nilbs.io.gltf_skin import Rig, read_rig
-from nilbs.io.parts import Mesh, Parts
 
 _CLOSE = 1e-4  # of the character's size: how well the nodes' pose must agree with the pose at binding
 
 
-def read_gltf(path: str | os.PathLike) -> Parts:
+def read_gltf(path: str | os.PathLike) -> Bundle:
     """Read the mesh, skeleton, weights and motions of a glTF 2.0 file.
 
     Parameters
@@ -26,7 +26,7 @@ def read_gltf(path: str | os.PathLike) -> Parts:
 
     Returns
     -------
-    parts : Parts
+    bundle : Bundle
         The mesh is all triangles of the file's scene, one primitive after the other, grouped by the names of their
         nodes and meshes; seams stay split as they are. Bone j is joint j of the first skin; other skins add those of
         their joints that are new. A clip has the union of the key times of all channels that move a joint, where it
@@ -60,7 +60,7 @@ def read_gltf(path: str | os.PathLike) -> Parts:
     >>> from nilbs.geometry.skeleton import Skeleton
     >>> bone = Skeleton([[0, 0, 0], [0, 0, 1]], [[0, 1]], [-1], ("arm",))
     >>> path = tempfile.mkdtemp() + "/arm.glb"
-    >>> write_gltf(path, Parts(Mesh(np.eye(3), np.array([[0, 1, 2]])), bone))
+    >>> write_gltf(path, Bundle(Mesh(np.eye(3), np.array([[0, 1, 2]])), bone))
     ()
     >>> read_gltf(path).skeleton.names
     ('arm',)
@@ -76,7 +76,7 @@ def read_gltf(path: str | os.PathLike) -> Parts:
     notes = rig.notes + notes + said
     if _posed(nodes, rig, mesh):
         notes.append("its nodes do not stand in the pose at binding; that one is the rest pose")
-    return Parts(mesh, rig.skeleton, influences, found, tuple(dict.fromkeys(notes)))
+    return Bundle(mesh, rig.skeleton, influences, found, tuple(dict.fromkeys(notes)))
 
 
 def _posed(nodes: Nodes, rig: Rig, mesh: Mesh | None) -> bool:

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nilbs.io.bundle import Clip
 from nilbs.io.gltf_document import Document
 from nilbs.io.gltf_nodes import LARGEST, Nodes, compose, unit_quaternions
 from nilbs.io.gltf_skin import Rig
 from nilbs.io.names import unique_names
-from nilbs.io.parts import Clip
 
 _WIDTHS = {"translation": 3, "rotation": 4, "scale": 3}
 _MATRICES = 2**21  # of all frames and nodes of a file, beyond one for eight of its bytes

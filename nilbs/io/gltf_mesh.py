@@ -6,10 +6,10 @@ import numpy as np
 
 from nilbs.geometry.plane import counter_clockwise
 from nilbs.geometry.rotations import transform_points
+from nilbs.io.bundle import Influences, Mesh
 from nilbs.io.gltf_document import Document
 from nilbs.io.gltf_nodes import Nodes
 from nilbs.io.gltf_skin import Rig, Skin
-from nilbs.io.parts import Influences, Mesh
 
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 

@@ -12,10 +12,10 @@ from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
+from nilbs.io.bundle import Bundle, Clip, Influences
 from nilbs.io.errors import check_suffix
 from nilbs.io.gltf_pose import PARTS, Track, quaternions, rest_rotations, track
 from nilbs.io.joints import first_joints, written_ends
-from nilbs.io.parts import Clip, Influences, Parts
 
 _TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u2"): 5123, np.dtype("u1"): 5121}
 _KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -23,14 +23,14 @@ _CORNERS, _INDICES = 34962, 34963  # what a buffer view is for
 _FAR = 8.0  # times its size: a character farther off is written at the origin, below a node that moves it
 
 
-def write_gltf(path: str | os.PathLike, parts: Parts) -> tuple[str, ...]:
+def write_gltf(path: str | os.PathLike, parts: Bundle) -> tuple[str, ...]:
     """Write a mesh, its skeleton, weights and motions as glTF 2.0.
 
     Parameters
     ----------
     path : str or path
         A `.glb` file, or a `.gltf` file that holds its buffer as base64.
-    parts : Parts
+    bundle : Bundle
         A mesh of triangles, a skeleton, or both; a flat one is written with z = 0. Clips must be of this skeleton.
         Weights that are not positive are left out, rows are scaled to sum to one. Groups and notes are not written.
 
@@ -64,9 +64,9 @@ def write_gltf(path: str | os.PathLike, parts: Parts) -> tuple[str, ...]:
     --------
     >>> import tempfile
     >>> from nilbs.io.gltf import read_gltf
-    >>> from nilbs.io.parts import Mesh
+    >>> from nilbs.io.bundle import Mesh
     >>> path = tempfile.mkdtemp() + "/triangle.glb"
-    >>> write_gltf(path, Parts(Mesh(np.eye(3), np.array([[0, 1, 2]]))))
+    >>> write_gltf(path, Bundle(Mesh(np.eye(3), np.array([[0, 1, 2]]))))
     ()
     >>> read_gltf(path).mesh.E
     array([[0, 1, 2]])

@@ -8,9 +8,9 @@ import numpy as np
 
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
+from nilbs.io.bundle import Influences
 from nilbs.io.errors import FileFormatError
 from nilbs.io.joints import joint_in_circle
-from nilbs.io.parts import Influences
 from nilbs.io.strict_json import finite_vector, read_json
 
 _LARGEST_VERTEX = 2**53

@@ -9,10 +9,10 @@ from nilbs.geometry.plane import counter_clockwise
 from nilbs.geometry.polygons import cut_polygons
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
+from nilbs.io.bundle import Mesh
 from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.obj import read_obj
 from nilbs.io.off import read_off
-from nilbs.io.parts import Mesh
 from nilbs.io.ply import read_ply
 from nilbs.io.polygons import MeshFile, check_corners, without_repeats
 from nilbs.io.stl import read_stl

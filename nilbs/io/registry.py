@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from nilbs.geometry.skeleton import skeleton_of_bones
+from nilbs.io.bundle import Bundle
 from nilbs.io.dmat import read_dmat
 from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.npz import NpzFile
-from nilbs.io.parts import Parts
 from nilbs.io.tgf import read_tgf
 
 MESHES = (".obj", ".ply", ".off", ".stl")
@@ -30,7 +30,7 @@ def kind_of(path: str | os.PathLike) -> str:
     Returns
     -------
     kind : str
-        "parts": what `read_parts` reads. "weights": rows of a mesh whose bones the file does not describe (`.dmat`,
+        "bundle": what `read_bundle` reads. "weights": rows of a mesh whose bones the file does not describe (`.dmat`,
         `.npz`, `.mhw`). "motion": of bones that the file does not describe (`.dmat`, `.json`).
 
     Raises
@@ -73,7 +73,7 @@ def looks_like_weights(A: np.ndarray) -> bool:
     return bool(A.size == 0 or len(A) % 12 or np.median(np.abs(A.sum(axis=1) - 1)) < _WEIGHTS_TOLERANCE)
 
 
-def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts:
+def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Bundle:
     r"""Read whatever a file holds of a character: mesh, skeleton, painted weights, motions.
 
     Parameters
@@ -88,7 +88,7 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
 
     Returns
     -------
-    parts : Parts
+    bundle : Bundle
 
     Raises
     ------
@@ -102,7 +102,7 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
     >>> import tempfile, pathlib
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "rig.tgf"
     >>> _ = path.write_text("1 0 0 0\n2 1 0 0\n#\n1 2\n#\n")
-    >>> read_parts(path).skeleton.names
+    >>> read_bundle(path).skeleton.names
     ('bone0',)
     """
     kind = kind_of(path)
@@ -114,10 +114,10 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
         from nilbs.io.mesh import read_mesh_parts
 
         mesh = read_mesh_parts(path)
-        return Parts(mesh=mesh, notes=mesh.notes)
+        return Bundle(mesh=mesh, notes=mesh.notes)
     if suffix == ".tgf":
         C, BE = read_tgf(path)
-        return Parts(skeleton=skeleton_of_bones(C, BE))
+        return Bundle(skeleton=skeleton_of_bones(C, BE))
     if suffix == ".mhskel":
         return _read_makehuman(path, V)
     if suffix in (".glb", ".gltf"):
@@ -141,13 +141,13 @@ def read_parts(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Parts
     return read_rignet(path)
 
 
-def _read_makehuman(path: str | os.PathLike, V: np.ndarray | None) -> Parts:
+def _read_makehuman(path: str | os.PathLike, V: np.ndarray | None) -> Bundle:
     from nilbs.io.makehuman import read_mhskel, read_mhw, weights_file
 
     if V is None:
         raise FileFormatError(path, "its joints are means of vertices of a mesh: give the mesh file too")
     skeleton, weights = read_mhskel(path, V), weights_file(path)
     if weights is None:
-        return Parts(skeleton=skeleton)
+        return Bundle(skeleton=skeleton)
     note = f"it names {Path(weights).name}, which lies beside it, for its weights"
-    return Parts(skeleton=skeleton, influences=read_mhw(weights, skeleton.names), notes=(note,))
+    return Bundle(skeleton=skeleton, influences=read_mhw(weights, skeleton.names), notes=(note,))

@@ -9,17 +9,17 @@ from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, listed
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
+from nilbs.io.bundle import Bundle, Influences
 from nilbs.io.errors import FileFormatError
 from nilbs.io.joints import first_joints, joint_in_circle, skeleton_with_ends, written_ends
 from nilbs.io.names import text_of, unique_names, written_names
-from nilbs.io.parts import Influences, Parts
 from nilbs.io.words import finite_numbers
 
 _INDEX = re.compile(rb"\d{1,18}")
 _END = "_end"
 
 
-def read_rignet(path: str | os.PathLike) -> Parts:
+def read_rignet(path: str | os.PathLike) -> Bundle:
     r"""Read a rig as RigNet writes it: bones are joints.
 
     Parameters
@@ -31,7 +31,7 @@ def read_rignet(path: str | os.PathLike) -> Parts:
 
     Returns
     -------
-    parts : Parts
+    bundle : Bundle
         The skeleton, the influences where a vertex has any, and notes on joints that became roots.
 
     Raises
@@ -129,7 +129,7 @@ def read_rignet(path: str | os.PathLike) -> Parts:
     skinned = joint_of_id[np.array(bone, dtype=np.int64)]
     skeleton, bone_of = _skeleton(list(joints), np.array(positions), P, set(skinned.tolist()))
     others = [_quoted(name) for name, parent in zip(joints, P, strict=True) if parent < 0 and name not in roots]
-    return Parts(
+    return Bundle(
         skeleton=skeleton,
         influences=Influences(np.array(vertex), bone_of[skinned], np.concatenate(weight)[:, 0]) if vertex else None,
         notes=(f"joints without a parent, taken as roots: {listed(others)}",) if others else (),

@@ -5,16 +5,16 @@ import os
 import numpy as np
 
 from nilbs.geometry.skeleton import skeleton_of_joints
+from nilbs.io.bundle import Bundle, Influences, Mesh
 from nilbs.io.errors import FileFormatError
 from nilbs.io.joints import joint_in_circle
 from nilbs.io.npz import NpzFile
-from nilbs.io.parts import Influences, Mesh, Parts
 
 _CORRECTIVES = ("posedirs", "shapedirs")
 _UNSIGNED = 2**31  # a parent from here on is -1 that lost its sign
 
 
-def read_smpl(path: str | os.PathLike) -> Parts:
+def read_smpl(path: str | os.PathLike) -> Bundle:
     """Read a body model: its mesh, skeleton and weights.
 
     Parameters
@@ -27,7 +27,7 @@ def read_smpl(path: str | os.PathLike) -> Parts:
 
     Returns
     -------
-    parts : Parts
+    bundle : Bundle
         The mean body at rest; bones are joints, called joint0, joint1, ..., for these files hold no names as text.
         Notes say which correctives were left out.
 
@@ -60,7 +60,7 @@ def read_smpl(path: str | os.PathLike) -> Parts:
     vertex, bone = np.nonzero(weights)
     left_out = [name for name in _CORRECTIVES if name in file.names]
     note = f"{' and '.join(left_out)} left out: the body bends by its weights alone, without correctives"
-    return Parts(
+    return Bundle(
         mesh=Mesh(V, faces),
         skeleton=skeleton_of_joints(_joints(file, V, b), _parents(file, b), [f"joint{joint}" for joint in range(b)]),
         influences=Influences(vertex, bone, weights[vertex, bone]),

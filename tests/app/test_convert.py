@@ -12,9 +12,9 @@ from nilbs.characters.saving import write_files
 from nilbs.geometry.kinematics import forward_kinematics, smooth_random_rotations
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import skeleton_of_joints
-from nilbs.io import read_mesh, read_parts, read_transforms, read_weights, write_mesh, write_motion_json
+from nilbs.io import read_bundle, read_mesh, read_transforms, read_weights, write_mesh, write_motion_json
 from nilbs.io.bone_map import write_bone_map
-from nilbs.io.parts import Clip, Mesh
+from nilbs.io.bundle import Clip, Mesh
 from nilbs.io.registry import READABLE, WRITABLE
 
 CLOSE = 1e-5  # of the size
@@ -60,11 +60,11 @@ def test_a_body_its_rig_and_a_motion_in_one_file_and_back(body, out, succeeds):
     assert values["outputs"] == {str(out / "body.glb"): ["mesh", "rig", "weights", "motion"]}
     back = [out / name for name in ("x.obj", "x_rig.txt", "x.bvh")]
     succeeds("convert", out / "body.glb", "-o", *back)
-    wave = read_parts(body / "wave.bvh").clips[0]
+    wave = read_bundle(body / "wave.bvh").clips[0]
     U = posed(body, "body.obj", "body_rig.txt", B=wave.B)
     size = np.ptp(U, axis=(0, 1)).max()
     assert np.abs(posed(out, "body.glb") - U).max() <= CLOSE * size
-    again = read_parts(out / "x.bvh").clips[0]
+    again = read_bundle(out / "x.bvh").clips[0]
     assert np.abs(posed(out, "x.obj", "x_rig.txt", B=again.B) - U).max() <= CLOSE * size
     assert np.abs(again.times - wave.times).max() <= 1e-6
 
@@ -81,7 +81,7 @@ def test_libigls_formats(body, out, succeeds):
     values = succeeds("convert", *files, "-o", *(out / name for name in names))
     assert any("holds no names" in note for note in values["notes"])
     B = read_transforms(out / "x-motion.dmat")
-    U = posed(body, "body.obj", "body_rig.txt", B=read_parts(body / "wave.bvh").clips[0].B)
+    U = posed(body, "body.obj", "body_rig.txt", B=read_bundle(body / "wave.bvh").clips[0].B)
     assert np.abs(posed(out, "x.ply", "x.tgf", "x-weights.dmat", B=B) - U).max() <= CLOSE * 4
     values = succeeds("convert", *(out / name for name in names), "-o", out / "x.glb")
     assert list(values["inputs"].values()) == [["mesh"], ["rig"], ["weights"], ["motion"]]
@@ -124,12 +124,12 @@ def test_a_rig_alone(body, out, succeeds):
     values = succeeds("convert", body / "wave.bvh", "-o", out / "x.tgf")
     assert values["inputs"] == {str(body / "wave.bvh"): ["rig", "motion"]}
     assert "no output holds the motion" in values["notes"]
-    assert np.abs(read_parts(out / "x.tgf").skeleton.C - read_parts(body / "wave.bvh").skeleton.C).max() <= 1e-9
+    assert np.abs(read_bundle(out / "x.tgf").skeleton.C - read_bundle(body / "wave.bvh").skeleton.C).max() <= 1e-9
 
 
 def test_a_motion_is_mapped_onto_the_rig(body, out, succeeds, tmp_path):
     # The same bones by other names: a map says which is which, and crosses nothing.
-    parts = read_parts(body / "wave.bvh")
+    parts = read_bundle(body / "wave.bvh")
     (body / "wave.bvh").write_text((body / "wave.bvh").read_text().replace("upper", "A1").replace("lower", "A2"))
     write_bone_map(tmp_path / "map.json", {"upper": "A1", "lower": "A2"})
     files = [body / name for name in ("body.obj", "body_rig.txt", "wave.bvh")]
@@ -151,7 +151,7 @@ def test_a_guess_is_written_to_be_corrected(body, out, succeeds, fails):
 
 
 def test_a_clip_is_chosen_by_name(body, out, succeeds, fails):
-    parts = read_parts(body / "wave.bvh")
+    parts = read_bundle(body / "wave.bvh")
     clips = tuple(
         Clip(name, parts.skeleton, parts.clips[0].times[:n], parts.clips[0].B[:n])
         for name, n in (("walk", 2), ("run", 3))
@@ -161,7 +161,7 @@ def test_a_clip_is_chosen_by_name(body, out, succeeds, fails):
     assert values["sizes"]["motion"] == "walk: 2 frames; run: 3 frames"
     assert "choose one of walk, run" in fails("convert", body / "two.glb", "-o", out / "x.bvh")
     succeeds("convert", body / "two.glb", "--clip", "run", "-o", out / "x.bvh")
-    assert len(read_parts(out / "x.bvh").clips[0].B) == 3
+    assert len(read_bundle(out / "x.bvh").clips[0].B) == 3
     assert "no motion 'fly', but walk, run" in fails("convert", body / "two.glb", "--clip", "fly", "-o", out / "x.bvh")
 
 
@@ -229,7 +229,7 @@ def test_as_a_table(body, nilbs, out):
 )
 def test_a_mistake_is_named_and_nothing_written(body, out, fails, words, message):
     write_mesh(body / "other.obj", np.eye(3), [[0, 1, 2]])
-    write_files([body / "other.tgf"], skeleton=read_parts(body / "body_rig.txt").skeleton)
+    write_files([body / "other.tgf"], skeleton=read_bundle(body / "body_rig.txt").skeleton)
     for name in ("w.npz", "v.npz"):
         write_files([body / name], W=np.full((4, 3), 1 / 3))
     (body / "walk.json").write_text('{"frames": [{"leg": [0, 0, 1]}]}')

@@ -345,8 +345,8 @@ def test_a_flat_mesh_and_a_rig_in_space(tmp_path, succeeds, bar):
 
 def test_a_character_in_one_file(tmp_path, succeeds, bar):
     from nilbs.geometry.skeleton import Skeleton
+    from nilbs.io.bundle import Bundle, Clip, Influences, Mesh
     from nilbs.io.gltf_writer import write_gltf
-    from nilbs.io.parts import Clip, Influences, Mesh, Parts
 
     V, F, C, BE = bar(3)
     skeleton = Skeleton(C, BE, np.array([-1, 0]), ("upper", "lower"))
@@ -354,7 +354,7 @@ def test_a_character_in_one_file(tmp_path, succeeds, bar):
     painted = Influences(np.arange(n), (V[:n, 0] > 2).astype(int), np.ones(n))
     B = np.tile(np.eye(4), (3, 2, 1, 1))
     clip = Clip("still", skeleton, np.array([0, 0.5, 1.0]), B)
-    write_gltf(tmp_path / "a.glb", Parts(Mesh(V, F), skeleton, painted, (clip,)))
+    write_gltf(tmp_path / "a.glb", Bundle(Mesh(V, F), skeleton, painted, (clip,)))
     values = succeeds("info", tmp_path / "a.glb")
     assert [report["kind"] for report in values["files"]] == ["mesh", "rig", "weights", "motion"]
     assert {report["file"] for report in values["files"]} == {str(tmp_path / "a.glb")}
@@ -367,7 +367,7 @@ def test_a_character_in_one_file(tmp_path, succeeds, bar):
 def test_painted_weights_that_leave_out_vertices_and_bones():
     from nilbs.app.contents import Content
     from nilbs.app.descriptions import describe
-    from nilbs.io.parts import Influences
+    from nilbs.io.bundle import Influences
 
     painted = Influences(np.array([0, 2, 2]), np.array([1, 1, 2]), np.array([1, 1, 0.0]))
     report = describe(Content("a.glb", "weights", {"influences": painted, "n": 4, "b": 3}), [])
@@ -375,11 +375,11 @@ def test_painted_weights_that_leave_out_vertices_and_bones():
 
 
 def test_a_file_of_nothing(tmp_path, fails, monkeypatch):
-    from nilbs.io.parts import Parts
+    from nilbs.io.bundle import Bundle
 
     (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
     assert "a.gltf: " in fails("info", tmp_path / "a.gltf")
-    monkeypatch.setattr("nilbs.app.contents.read_parts", lambda path, V: Parts())
+    monkeypatch.setattr("nilbs.app.contents.read_bundle", lambda path, V: Bundle())
     assert fails("info", tmp_path / "a.gltf").endswith("a.gltf: the file holds no mesh, rig or motion")
 
 

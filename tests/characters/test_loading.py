@@ -10,7 +10,7 @@ from nilbs.characters.loading import fit_together, load_character, read_rigged_m
 from nilbs.characters.saving import write_files
 from nilbs.geometry.skeleton import skeleton_of_joints
 from nilbs.io import FileFormatError, write_mesh, write_tgf, write_weights
-from nilbs.io.parts import Influences, Mesh, Parts
+from nilbs.io.bundle import Bundle, Influences, Mesh
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)])
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -139,16 +139,16 @@ def test_one_file_that_holds_both(tmp_path, W, characters):
 def test_weights_of_another_mesh_of_the_rigs_file_are_left_out(W, said):
     mesh = Mesh(CUBE, np.array([[0, 1, 2]]))
     influences = Influences(np.arange(8), np.zeros(8, int), np.ones(8))
-    own = Parts(Mesh(CUBE + 1e-6, mesh.E), RIG, influences)
-    rigged = fit_together("a.obj", Parts(mesh), "b.glb", own)
+    own = Bundle(Mesh(CUBE + 1e-6, mesh.E), RIG, influences)
+    rigged = fit_together("a.obj", Bundle(mesh), "b.glb", own)
     assert (rigged.W == [1, 0]).all()
-    other = Parts(Mesh(CUBE[::-1], mesh.E), RIG, influences)
-    assert fit_together("a.obj", Parts(mesh), "b.glb", other, report=said.append).W is None
+    other = Bundle(Mesh(CUBE[::-1], mesh.E), RIG, influences)
+    assert fit_together("a.obj", Bundle(mesh), "b.glb", other, report=said.append).W is None
     assert "b.glb: its painted weights are of its own mesh, which is not the one given" in said[0]
 
 
 def test_notes_of_readers_are_told_with_their_file(said):
-    mesh, rig = Parts(Mesh(CUBE, np.array([[0, 1, 2]])), notes=("odd",)), Parts(skeleton=RIG, notes=("bent",))
+    mesh, rig = Bundle(Mesh(CUBE, np.array([[0, 1, 2]])), notes=("odd",)), Bundle(skeleton=RIG, notes=("bent",))
     fit_together("a.obj", mesh, "b.txt", rig, report=said.append)
     assert said == ["a.obj: odd", "b.txt: bent"]
 

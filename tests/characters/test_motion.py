@@ -4,16 +4,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nilbs.characters.motion import Motion, random_motion, read_motion
+from nilbs.characters.motion import Motion, load_motion, random_motion
 from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses, local_rotations
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 from nilbs.io.bone_map import write_bone_map
+from nilbs.io.bundle import Bundle, Clip
 from nilbs.io.bvh import write_bvh
 from nilbs.io.errors import FileFormatError
 from nilbs.io.gltf_writer import write_gltf
 from nilbs.io.motion import write_motion_json, write_transforms
-from nilbs.io.parts import Clip, Parts
 
 
 def counted(frames: int) -> Motion:
@@ -123,7 +123,7 @@ def test_transforms_from_a_file(d: int, characters, tmp_path: Path) -> None:
     c = characters[d]
     motion = random_motion(c, frames=4)
     write_transforms(tmp_path / "m.dmat", motion.B if d == 3 else in_space(motion.B))
-    again = read_motion(tmp_path / "m.dmat", c)
+    again = load_motion(tmp_path / "m.dmat", c)
     np.testing.assert_allclose(again.B, motion.B, atol=1e-12)
     np.testing.assert_array_equal(again.frames, np.arange(4))
     assert again.source == "m.dmat"
@@ -136,24 +136,24 @@ def test_local_rotations_from_a_file(d: int, characters, tmp_path: Path, rng: np
     move = rng.normal(size=(4, d))
     write_motion_json(tmp_path / "m.json", c.skeleton.names, theta, move)
     B = forward_kinematics(c.skeleton.C, c.skeleton.BE, c.skeleton.P, theta, root_translation=move)
-    np.testing.assert_allclose(read_motion(tmp_path / "m.json", c).B, B, atol=1e-9)
+    np.testing.assert_allclose(load_motion(tmp_path / "m.json", c).B, B, atol=1e-9)
 
 
 def test_motions_of_other_rigs_or_of_no_known_format_are_refused(characters, tmp_path: Path) -> None:
     flat, solid = characters[2], characters[3]
     write_transforms(tmp_path / "m.dmat", random_motion(solid, frames=2).B)
     with pytest.raises(FileFormatError, match=r"m\.dmat: moves 3 bones, but the rig has 13$"):
-        read_motion(tmp_path / "m.dmat", flat)
+        load_motion(tmp_path / "m.dmat", flat)
     B = in_space(random_motion(flat, frames=3).B)
     B[2, 5, 0, 2] = 0.1
     write_transforms(tmp_path / "tilted.dmat", B)
     with pytest.raises(FileFormatError, match=r"frame 2 moves bone 5 out of the plane of a flat character$"):
-        read_motion(tmp_path / "tilted.dmat", flat)
+        load_motion(tmp_path / "tilted.dmat", flat)
     for name, said in (("m.abc", r"end in \.dmat or \.json or \.bvh or .*, not \.abc$"), ("m", "this one has none$")):
         with pytest.raises(FileFormatError, match=said):
-            read_motion(tmp_path / name, flat)
+            load_motion(tmp_path / name, flat)
     with pytest.raises(FileNotFoundError):
-        read_motion(tmp_path / "none.json", flat)
+        load_motion(tmp_path / "none.json", flat)
 
 
 def test_frames_without_times_count_at_24_a_second() -> None:
@@ -212,7 +212,7 @@ def test_a_motion_in_json_moves_and_scales_bones_and_tells_its_times(tmp_path: P
     (tmp_path / "m.json").write_text(
         '{"fps": 10, "frames": [{}, {"b": {"rotation": [0, 0, 90], "translation": [0, 0, 1], "scale": 2}}]}'
     )
-    motion = read_motion(tmp_path / "m.json", skeleton)
+    motion = load_motion(tmp_path / "m.json", skeleton)
     assert motion.times.tolist() == [0, 0.1]
     assert motion.skeleton is skeleton
     np.testing.assert_allclose(motion[0], np.tile(np.eye(4), (3, 1, 1)))
@@ -230,7 +230,7 @@ def test_what_hangs_from_a_given_transform_follows_it(tmp_path: Path, rng: np.ra
     placed, translation = np.full((2, 3, 4, 4), np.nan), np.zeros((2, 3, 3))
     placed[1, 1], translation[0] = given, rng.normal(size=(3, 3))
     write_motion_json(tmp_path / "m.json", skeleton.names, theta, move, translation=translation, given=placed)
-    B = read_motion(tmp_path / "m.json", skeleton).B
+    B = load_motion(tmp_path / "m.json", skeleton).B
     c = skeleton
     usual = forward_kinematics(c.C, c.BE, c.P, theta, root_translation=move, translation=translation)
     np.testing.assert_allclose(B[0], usual[0], atol=1e-12)
@@ -245,7 +245,7 @@ def test_motions_beyond_numbers_are_refused(tmp_path: Path) -> None:
     entry = ", ".join(f'"{name}": {{"scale": 1e150}}' for name in "abc")
     (tmp_path / "m.json").write_text(f'{{"frames": [{{}}, {{{entry}}}]}}')
     with pytest.raises(FileFormatError, match=r"m\.json: frame 1 moves bone 'c' farther than numbers go$"):
-        read_motion(tmp_path / "m.json", limb(3, "a", "b", "c"))
+        load_motion(tmp_path / "m.json", limb(3, "a", "b", "c"))
 
 
 def test_a_clip_of_the_same_bones_is_taken_as_it_is(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -253,13 +253,13 @@ def test_a_clip_of_the_same_bones_is_taken_as_it_is(tmp_path: Path, rng: np.rand
     clip = Clip("swing", skeleton, np.array([0, 0.5, 1, 1.5]), swung(skeleton, rng))
     write_bvh(tmp_path / "m.bvh", clip)
     said: list[str] = []
-    motion = read_motion(tmp_path / "m.bvh", skeleton, report=said.append)
+    motion = load_motion(tmp_path / "m.bvh", skeleton, report=said.append)
     np.testing.assert_allclose(motion.B, clip.B, atol=1e-5)
     np.testing.assert_allclose(motion.times, clip.times, atol=1e-6)
     assert (motion.source, said) == ("m.bvh", [])
     # Whatever their order and in whatever company.
     other = Skeleton([[1, 0, 0], [0, 0, 0], [2, 0, 0]], [[0, 2], [1, 0]], [1, -1], ("b", "a"))
-    np.testing.assert_allclose(read_motion(tmp_path / "m.bvh", other).B, clip.B[:, [1, 0]], atol=1e-5)
+    np.testing.assert_allclose(load_motion(tmp_path / "m.bvh", other).B, clip.B[:, [1, 0]], atol=1e-5)
 
 
 def test_a_clip_of_another_skeleton_is_mapped_and_that_is_said(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -267,7 +267,7 @@ def test_a_clip_of_another_skeleton_is_mapped_and_that_is_said(tmp_path: Path, r
     clip = Clip("swing", source, np.arange(4) / 10, swung(source, rng))
     write_bvh(tmp_path / "m.bvh", clip)
     said: list[str] = []
-    motion = read_motion(tmp_path / "m.bvh", target, report=said.append)
+    motion = load_motion(tmp_path / "m.bvh", target, report=said.append)
     np.testing.assert_allclose(motion.B[:, :2, :3, :3], clip.B[:, :2, :3, :3], atol=1e-5)
     np.testing.assert_allclose(motion.B[:, 2], motion.B[:, 1], atol=1e-12)
     assert said == [
@@ -282,10 +282,10 @@ def test_a_clip_of_another_skeleton_is_mapped_and_that_is_said(tmp_path: Path, r
     corrected = {"upperarm.L": "UpArm_L", "forearm.L": None, "tail": "Hand_L"}
     write_bone_map(tmp_path / "map.json", corrected)
     for bone_map in (corrected, tmp_path / "map.json", str(tmp_path / "map.json")):
-        B = read_motion(tmp_path / "m.bvh", target, bone_map=bone_map).B
+        B = load_motion(tmp_path / "m.bvh", target, bone_map=bone_map).B
         np.testing.assert_allclose(B[:, :, :3, :3], clip.B[:, [0, 0, 2], :3, :3], atol=1e-5)
     # A map is kept to where the names alone would do, too.
-    own = read_motion(tmp_path / "m.bvh", source, bone_map={"ring": "UpArm_L"}).B
+    own = load_motion(tmp_path / "m.bvh", source, bone_map={"ring": "UpArm_L"}).B
     np.testing.assert_allclose(own[:, 3, :3, :3], clip.B[:, 0, :3, :3], atol=1e-5)
 
 
@@ -296,7 +296,7 @@ def test_other_axes_and_far_starts_are_said(tmp_path: Path, rng: np.random.Gener
     B[..., 1, 3] += 50
     write_bvh(tmp_path / "m.bvh", Clip("m", source, np.arange(4) / 24, B))
     said: list[str] = []
-    motion = read_motion(tmp_path / "m.bvh", turned, report=said.append)
+    motion = load_motion(tmp_path / "m.bvh", turned, report=said.append)
     assert "axes differ: its x is y here" in said[-2]
     assert "starts far from its rest pose along" in said[-1]
     np.testing.assert_allclose(motion.B[0], np.tile(np.eye(4), (2, 1, 1)), atol=1e-5)
@@ -305,55 +305,55 @@ def test_other_axes_and_far_starts_are_said(tmp_path: Path, rng: np.random.Gener
 def test_one_of_several_clips_is_chosen_by_name(tmp_path: Path, rng: np.random.Generator) -> None:
     skeleton = limb(3, "a", "b")
     clips = tuple(Clip(name, skeleton, np.arange(4) / 10, swung(skeleton, rng)) for name in ("walk", "run"))
-    write_gltf(tmp_path / "m.glb", Parts(skeleton=skeleton, clips=clips))
+    write_gltf(tmp_path / "m.glb", Bundle(skeleton=skeleton, clips=clips))
     said: list[str] = []
-    first = read_motion(tmp_path / "m.glb", skeleton, report=said.append)
+    first = load_motion(tmp_path / "m.glb", skeleton, report=said.append)
     np.testing.assert_allclose(first.B, clips[0].B, atol=1e-5)
     assert any("took the motion 'walk'; the file also holds 'run'" in line for line in said)
-    chosen = read_motion(tmp_path / "m.glb", skeleton, clip="run")
+    chosen = load_motion(tmp_path / "m.glb", skeleton, clip="run")
     np.testing.assert_allclose(chosen.B, clips[1].B, atol=1e-5)
     assert chosen.source == "m.glb, run"
     with pytest.raises(FileFormatError, match=r"m\.glb: there is no motion 'swim'; the file holds 'walk', 'run'$"):
-        read_motion(tmp_path / "m.glb", skeleton, clip="swim")
-    write_gltf(tmp_path / "rig.glb", Parts(skeleton=skeleton))
+        load_motion(tmp_path / "m.glb", skeleton, clip="swim")
+    write_gltf(tmp_path / "rig.glb", Bundle(skeleton=skeleton))
     with pytest.raises(FileFormatError, match=r"rig\.glb: the file holds no motion"):
-        read_motion(tmp_path / "rig.glb", skeleton)
+        load_motion(tmp_path / "rig.glb", skeleton)
 
 
 def test_clips_that_fit_nothing_are_refused_by_the_file_s_name(tmp_path: Path, rng: np.random.Generator) -> None:
     source, target = limb(3, "a", "b"), limb(3, "x", "y")
     write_bvh(tmp_path / "m.bvh", Clip("m", source, np.arange(4) / 24, swung(source, rng)))
     with pytest.raises(ValueError, match=r'm\.bvh: the names do not tell which bone .* \{"x": "a"\}'):
-        read_motion(tmp_path / "m.bvh", target)
+        load_motion(tmp_path / "m.bvh", target)
     with pytest.raises(ValueError, match=r"m\.bvh: the bone map names 'z', but the character has no such bone"):
-        read_motion(tmp_path / "m.bvh", target, bone_map={"z": "a"})
+        load_motion(tmp_path / "m.bvh", target, bone_map={"z": "a"})
     (tmp_path / "map.json").write_text("[]")
     with pytest.raises(FileFormatError, match=r"map\.json: a bone map is one object"):
-        read_motion(tmp_path / "m.bvh", target, bone_map=tmp_path / "map.json")
+        load_motion(tmp_path / "m.bvh", target, bone_map=tmp_path / "map.json")
     write_bvh(tmp_path / "none.bvh", Clip("m", source, np.zeros(0), np.zeros((0, 2, 4, 4))))
     with pytest.raises(FileFormatError, match=r"none\.bvh: the motion 'none' has no frame"):
-        read_motion(tmp_path / "none.bvh", source)
+        load_motion(tmp_path / "none.bvh", source)
 
 
 def test_a_file_of_the_character_s_own_bones_takes_no_map(tmp_path: Path) -> None:
     for name in ("m.json", "m.dmat"):
         with pytest.raises(FileFormatError, match="there is no clip to choose"):
-            read_motion(tmp_path / name, limb(3, "a"), clip="walk")
+            load_motion(tmp_path / name, limb(3, "a"), clip="walk")
         with pytest.raises(FileFormatError, match="there is no bone map to choose"):
-            read_motion(tmp_path / name, limb(3, "a"), bone_map={"a": "a"})
+            load_motion(tmp_path / name, limb(3, "a"), bone_map={"a": "a"})
 
 
 def test_clips_in_the_plane(tmp_path: Path, rng: np.random.Generator) -> None:
     flat, solid = limb(2, "a", "b"), limb(3, "a", "b")
     B = swung(flat, rng)
     write_bvh(tmp_path / "m.bvh", Clip("m", solid, np.arange(4) / 24, in_space(B)))
-    np.testing.assert_allclose(read_motion(tmp_path / "m.bvh", flat).B, B, atol=1e-5)
+    np.testing.assert_allclose(load_motion(tmp_path / "m.bvh", flat).B, B, atol=1e-5)
     larger = limb(2, "a", "b", size=3)
-    np.testing.assert_allclose(read_motion(tmp_path / "m.bvh", larger).B[..., :2, :2], B[..., :2, :2], atol=1e-5)
+    np.testing.assert_allclose(load_motion(tmp_path / "m.bvh", larger).B[..., :2, :2], B[..., :2, :2], atol=1e-5)
     deep = Skeleton(solid.C * [1, 1, 0] + np.array([[0, 0, 0], [0, 0, 0.5], [0, 0, 0]]), solid.BE, solid.P, solid.names)
     write_bvh(tmp_path / "deep.bvh", Clip("m", deep, np.arange(4) / 24, in_space(B)))
     with pytest.raises(FileFormatError, match=r"deep\.bvh: the skeleton is not flat"):
-        read_motion(tmp_path / "deep.bvh", flat)
+        load_motion(tmp_path / "deep.bvh", flat)
 
 
 @pytest.mark.parametrize(
@@ -371,7 +371,7 @@ def test_motions_of_a_person_on_another_rig(data: Path, name: str, scale: float)
     (clip,) = read_bvh(folder / f"{name}.bvh").clips
     guess = guess_bone_map(clip.skeleton, target)
     said: list[str] = []
-    motion = read_motion(folder / f"{name}.bvh", target, report=said.append)
+    motion = load_motion(folder / f"{name}.bvh", target, report=said.append)
     assert any(
         f"its y is -z here, its z is y here; lengths are multiplied by {scale:.3f}"[:-1] in line for line in said
     )

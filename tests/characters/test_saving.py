@@ -14,8 +14,8 @@ from nilbs.geometry.kinematics import forward_kinematics, smooth_random_rotation
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_bones, skeleton_of_joints
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.io import FileFormatError, read_dmat, read_mesh, read_parts, read_transforms, read_weights
-from nilbs.io.parts import Clip, Mesh
+from nilbs.io import FileFormatError, read_bundle, read_dmat, read_mesh, read_transforms, read_weights
+from nilbs.io.bundle import Clip, Mesh
 
 CLOSE = 1e-5  # of the size
 
@@ -73,7 +73,7 @@ def assert_same_places(U, U_read, V):
 @pytest.mark.parametrize("name", ["a.glb", "a.GLTF"])
 def test_gltf(parts, tmp_path, name):
     (written,) = write_files([tmp_path / name], **parts)
-    assert list(read_parts(tmp_path / name).mesh.groups) == ["a"]
+    assert list(read_bundle(tmp_path / name).mesh.groups) == ["a"]
     assert written.holds == ("mesh", "rig", "weights", "motion")
     rigged = read_rigged_mesh(tmp_path / name)
     skeleton, (clip,) = parts["skeleton"], parts["clips"]
@@ -99,7 +99,7 @@ def test_obj_and_rignet(parts, tmp_path, rng):
 
 def test_bvh(parts, tmp_path):
     write_files([tmp_path / "a.bvh"], **parts)
-    (clip,) = read_parts(tmp_path / "a.bvh").clips
+    (clip,) = read_bundle(tmp_path / "a.bvh").clips
     skeleton = parts["skeleton"]
     # The file lists joints below one another, in an order of its own.
     order = [clip.skeleton.names.index(name) for name in skeleton.names]
@@ -114,7 +114,7 @@ def test_bvh(parts, tmp_path):
 def test_a_rig_alone_is_a_bvh_at_rest(parts, tmp_path):
     (written,) = write_files([tmp_path / "a.bvh"], skeleton=parts["skeleton"])
     assert written.holds == ("rig",)
-    (clip,) = read_parts(tmp_path / "a.bvh").clips
+    (clip,) = read_bundle(tmp_path / "a.bvh").clips
     assert np.abs(clip.B - np.eye(4)).max() <= 1e-9
     assert len(clip.B) == 1
 
@@ -133,7 +133,7 @@ def test_tgf_and_dmat(parts, tmp_path):
 def test_tgf_keeps_the_parents_that_end_where_children_start(kind, roots, rng, tmp_path):
     skeleton = kind(rng)
     (written,) = write_files([tmp_path / "a.tgf"], skeleton=skeleton)
-    P = read_parts(tmp_path / "a.tgf").skeleton.P
+    P = read_bundle(tmp_path / "a.tgf").skeleton.P
     assert np.flatnonzero(P < 0).tolist() == roots
     assert (P[P >= 0] == skeleton.P[P >= 0]).all()
     lost = len(roots) - int((skeleton.P < 0).sum())
@@ -145,7 +145,7 @@ def test_tgf_keeps_joints_that_fit_as_they_are(tmp_path):
     _, _, C, BE = gingerbread(2)
     skeleton = skeleton_of_bones(C, BE)
     write_files([tmp_path / "a.tgf"], skeleton=skeleton)
-    read = read_parts(tmp_path / "a.tgf").skeleton
+    read = read_bundle(tmp_path / "a.tgf").skeleton
     assert (in_space(np.asarray(C)) == read.C).all()
     assert (read.BE == BE).all()
 
@@ -169,8 +169,8 @@ def test_a_motion_goes_with_its_character(characters, tmp_path):
     c = characters[2]
     motion = random_motion(c, frames=4)
     save_character(c, tmp_path / "a.glb", tmp_path / "a.bvh", motion=motion)
-    (clip,) = read_parts(tmp_path / "a.glb").clips
-    (bvh,) = read_parts(tmp_path / "a.bvh").clips
+    (clip,) = read_bundle(tmp_path / "a.glb").clips
+    (bvh,) = read_bundle(tmp_path / "a.bvh").clips
     U = posed(c.V_volume, c.W_volume, motion.B)
     for read in (clip, bvh):
         order = [read.skeleton.names.index(name) for name in c.skeleton.names]
@@ -184,7 +184,7 @@ def test_a_clip_out_of_several_must_be_chosen(parts, tmp_path):
     with pytest.raises(ValueError, match=r"a\.bvh: it holds one motion, and there are 2: choose one of walk, run"):
         write_files([tmp_path / "a.bvh"], **(parts | {"clips": clips}))
     write_files([tmp_path / "a.glb"], **(parts | {"clips": clips}))
-    assert [clip.name for clip in read_parts(tmp_path / "a.glb").clips] == ["walk", "run"]
+    assert [clip.name for clip in read_bundle(tmp_path / "a.glb").clips] == ["walk", "run"]
 
 
 def test_the_name_tells_weights_from_a_motion(parts, tmp_path):
@@ -266,16 +266,16 @@ def test_paths_are_checked_before_anything_is_written(parts, tmp_path):
 def test_a_mesh_alone(tmp_path):
     write_files([tmp_path / "a.ply", tmp_path / "a.glb"], mesh=Mesh(np.eye(3), np.array([[0, 1, 2]])))
     assert read_mesh(tmp_path / "a.ply")[1].tolist() == [[0, 1, 2]]
-    assert read_parts(tmp_path / "a.glb").skeleton is None
+    assert read_bundle(tmp_path / "a.glb").skeleton is None
 
 
 @pytest.mark.parametrize("names", [("a.glb",), ("a.obj", "a_rig.txt", "a.bvh"), ("a.ply", "a.tgf", "a.npz", "a.dmat")])
 def test_the_elephant_walks_as_before(data, tmp_path, names):
-    from nilbs.characters.motion import read_motion
+    from nilbs.characters.motion import load_motion
 
     folder = data / "elephant"
     rigged = read_rigged_mesh(*(folder / f"elephant{end}" for end in (".obj", ".tgf", "-weights.dmat")))
-    motion = read_motion(folder / "elephant-anim.dmat", rigged.skeleton).take(20)
+    motion = load_motion(folder / "elephant-anim.dmat", rigged.skeleton).take(20)
     names = [name.replace("a.dmat", "a-motion.dmat") for name in names]
     write_files(
         [tmp_path / name for name in names],
@@ -286,17 +286,17 @@ def test_the_elephant_walks_as_before(data, tmp_path, names):
     )
     files = [tmp_path / name for name in names if not name.endswith((".bvh", "motion.dmat"))]
     read = read_rigged_mesh(*files)
-    again = read_motion(tmp_path / names[-1], read.skeleton)
+    again = load_motion(tmp_path / names[-1], read.skeleton)
     assert_same_places(posed(rigged.V, rigged.W, motion.B), posed(read.V, read.W, again.B), rigged.V)
 
 
 def test_makehumans_person_walks_as_before(data, tmp_path):
-    from nilbs.characters.motion import read_motion
+    from nilbs.characters.motion import load_motion
 
     folder = data / "makehuman"
     rigged = read_rigged_mesh(folder / "base.obj", folder / "default.mhskel", group="body")
     assert (rigged.V.shape, rigged.W.shape) == ((13380, 3), (13380, 163))
-    motion = read_motion(folder / "walk1.bvh", rigged.skeleton)
+    motion = load_motion(folder / "walk1.bvh", rigged.skeleton)
     parts = {"mesh": Mesh(rigged.V, rigged.E), "skeleton": rigged.skeleton, "W": rigged.W}
     write_files([tmp_path / "a.glb"], **parts, clips=(clip_of(motion, rigged.skeleton),))
     read = read_rigged_mesh(tmp_path / "a.glb")

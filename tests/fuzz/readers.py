@@ -14,6 +14,7 @@ import numpy as np
 from nilbs.io import FileFormatError
 from nilbs.io.archive import read_archive
 from nilbs.io.bone_map import read_bone_map
+from nilbs.io.bundle import Clip, Influences, Mesh, select_group
 from nilbs.io.bvh import read_bvh
 from nilbs.io.dmat import read_dmat
 from nilbs.io.gltf import read_gltf
@@ -21,7 +22,6 @@ from nilbs.io.makehuman import read_mhskel, read_mhw, weights_file
 from nilbs.io.mesh import read_mesh_parts
 from nilbs.io.motion import read_motion_json, read_transforms
 from nilbs.io.npy import read_npy
-from nilbs.io.parts import Clip, Influences, Mesh, select_group
 from nilbs.io.rignet import read_rignet
 from nilbs.io.smpl import read_smpl
 from nilbs.io.tgf import read_tgf

@@ -6,7 +6,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from nilbs.io.parts import Mesh, Parts
+from nilbs.io.bundle import Bundle, Mesh
 
 from .readers import CORPUS, READERS, corpus, read_or_refused
 
@@ -39,7 +39,7 @@ def _raise(error):
 
 ANSWERS = {
     "not a number": lambda path: np.array([np.nan]),
-    "no face": lambda path: Parts(Mesh(np.eye(3), np.array([[0, 1, 3]]))),
+    "no face": lambda path: Bundle(Mesh(np.eye(3), np.array([[0, 1, 3]]))),
     "no text": lambda path: ["\ud800"],
     "another error": lambda path: _raise(KeyError("x")),
     "a warning": lambda path: np.float64(1e308) * 10,

@@ -17,9 +17,9 @@ from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.rotations import rotation_matrices
 from nilbs.geometry.skeleton import skeleton_of_joints
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.io.bundle import Bundle, Clip, Influences, Mesh
 from nilbs.io.gltf import read_gltf
 from nilbs.io.gltf_writer import write_gltf
-from nilbs.io.parts import Clip, Influences, Mesh, Parts
 
 VERSION = "5.0.1"
 SCRIPT = Path(__file__).with_name("blender_characters.py")
@@ -115,7 +115,7 @@ def made(stretch):
                 B[frame, bone] = local if P[bone] < 0 else B[frame, P[bone]] @ local
     vertex, bone = np.nonzero(W)
     clip = Clip("move", skeleton, np.arange(12) / 24, B)
-    return Parts(Mesh(V, E), skeleton, Influences(vertex, bone, W[vertex, bone]), (clip,))
+    return Bundle(Mesh(V, E), skeleton, Influences(vertex, bone, W[vertex, bone]), (clip,))
 
 
 @pytest.mark.parametrize("stretch", [False, True], ids=["rigid", "stretched"])

@@ -9,8 +9,8 @@ from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.rotations import rotation_matrices, transform_points
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io import FileFormatError
+from nilbs.io.bundle import Clip
 from nilbs.io.bvh import read_bvh, write_bvh
-from nilbs.io.parts import Clip
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import pytest
 
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io import FileFormatError, fbx
+from nilbs.io.bundle import Bundle, Influences, Mesh
 from nilbs.io.fbx import read_fbx
 from nilbs.io.gltf_writer import write_gltf
-from nilbs.io.parts import Influences, Mesh, Parts
 
 
 @pytest.fixture
@@ -37,7 +37,7 @@ def blender(tmp_path, monkeypatch):
 def triangle():
     mesh = Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 2, 1.0]]), np.array([[0, 1, 2]]))
     skeleton = Skeleton([[0, 0, 0], [0, 2, 0]], [[0, 1]], [-1], ["arm"])
-    return Parts(mesh, skeleton, Influences(np.arange(3), np.zeros(3, int), np.ones(3)))
+    return Bundle(mesh, skeleton, Influences(np.arange(3), np.zeros(3, int), np.ones(3)))
 
 
 def test_the_copy_is_read(tmp_path, character, blender, monkeypatch):

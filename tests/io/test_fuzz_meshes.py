@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nilbs.io import FileFormatError
+from nilbs.io.bundle import select_group
 from nilbs.io.mesh import read_mesh_parts
-from nilbs.io.parts import select_group
 
 OBJ = "o body\nv 0 0 1\nv 1 0 0\nv 0 1 0\nv 1 1 1 0.5 0.5 0.5\ng a b\nf 1/1 2/2 3\ng\nf 1 2 -1 3\n"
 OFF = "COFF\n4 2 0\n0 0 1 1 1 1 1\n1 0 0 1 1 1 1\n1 1 0 1 1 1 1\n0 1 0 1 1 1 1\n3 0 1 2\n4 0 1 2 3 255 0 0\n"

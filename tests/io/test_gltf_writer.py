@@ -11,10 +11,10 @@ from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.rotations import rotation_matrices
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.io.bundle import Bundle, Clip, Influences, Mesh
 from nilbs.io.gltf import read_gltf
 from nilbs.io.gltf_pose import track
 from nilbs.io.gltf_writer import write_gltf
-from nilbs.io.parts import Clip, Influences, Mesh, Parts
 
 CODES = {"u1": 5121, "u2": 5123, "u4": 5125, "f4": 5126}
 
@@ -93,7 +93,7 @@ def test_what_was_written_reads_back(tmp_path, rng, b, roots, offset):
     shift[:3, 3] = move
     moved = Skeleton(skeleton.C + move, skeleton.BE, skeleton.P, skeleton.names, skeleton.forks)
     clips = tuple(Clip(f"clip{k}", moved, np.linspace(0, 2, 5), shift @ B @ np.linalg.inv(shift)) for k in (0, 1))
-    parts = Parts(Mesh(mesh.V + move, mesh.E), moved, influences, clips)
+    parts = Bundle(Mesh(mesh.V + move, mesh.E), moved, influences, clips)
     back, notes = written(tmp_path, parts)
     assert notes == ()
     assert back.notes == ()
@@ -106,7 +106,7 @@ def test_every_digit_of_ends_and_forks(tmp_path):
     P = [-1, 0, 0, 1]
     for ends in ({}, {3: np.array([0, 0.1, 7])}, {0: np.array([0, 0, 0.3]), 2: np.array([0, 0, 0])}):
         skeleton = skeleton_of_joints(joints, P, names, ends=ends)
-        back, _ = written(tmp_path, Parts(skeleton=skeleton))
+        back, _ = written(tmp_path, Bundle(skeleton=skeleton))
         assert back.skeleton.C.tolist() == skeleton.C.tolist()
         assert back.skeleton.BE.tolist() == skeleton.BE.tolist()
         assert back.skeleton.forks.tolist() == skeleton.forks.tolist()
@@ -125,7 +125,7 @@ def test_bones_that_stretch_along_their_own_axes(tmp_path, rng):
             local[:3, :3] = rotation_matrices(rng.normal(size=3)) @ axes[bone] @ scale @ axes[bone].T
             local[:3, 3] = C[bone] - local[:3, :3] @ C[bone] + 0.1 * rng.normal(size=3)
             B[frame, bone] = local if parent < 0 else B[frame, parent] @ local
-    parts = Parts(mesh, skeleton, influences, (Clip("stretch", skeleton, np.arange(6.0), B),))
+    parts = Bundle(mesh, skeleton, influences, (Clip("stretch", skeleton, np.arange(6.0), B),))
     back, notes = written(tmp_path, parts)
     assert notes == ()
     size = max(np.ptp(posed(parts, 0, frame), axis=0).max() for frame in range(t))
@@ -147,7 +147,7 @@ def test_shear_is_written_as_close_as_it_goes_and_said(tmp_path):
     B[0, 0, :3, :3] = [[1, 0, 0], [0.4, 1, 0], [0, 0, 2]]
     mesh = Mesh(np.eye(3), np.array([[0, 1, 2]]))
     ones = Influences(np.arange(3), np.zeros(3, int), np.ones(3))
-    back, notes = written(tmp_path, Parts(mesh, skeleton, ones, (Clip("bend", skeleton, np.arange(2.0), B),)))
+    back, notes = written(tmp_path, Bundle(mesh, skeleton, ones, (Clip("bend", skeleton, np.arange(2.0), B),)))
     (note,) = notes
     assert note.startswith("clip 'bend' shears bones, which glTF cannot say: 'a' is off by up to ")
     off = np.abs(back.clips[0].B[:, 0, :3, :3] - B[:, 0, :3, :3]).max()
@@ -161,7 +161,7 @@ def test_a_bone_that_shrinks_to_nothing(tmp_path):
     B[:, :, 3, 3] = 1
     B[0] = np.eye(4)
     B[1, :, :3, 3] = [3, 1, 2]
-    back, notes = written(tmp_path, Parts(skeleton=skeleton, clips=(Clip("gone", skeleton, np.arange(2.0), B),)))
+    back, notes = written(tmp_path, Bundle(skeleton=skeleton, clips=(Clip("gone", skeleton, np.arange(2.0), B),)))
     assert notes == ()
     np.testing.assert_allclose(back.clips[0].B, B, atol=1e-6)
 
@@ -171,7 +171,7 @@ def test_a_flat_character(tmp_path, rng):
     mesh, influences = whole(skeleton, rng)
     a, b = (mesh.V[mesh.E[:, k]] - mesh.V[mesh.E[:, 0]] for k in (1, 2))
     E = np.where((a[:, :1] * b[:, 1:] < a[:, 1:] * b[:, :1]), mesh.E[:, ::-1], mesh.E)
-    back, _ = written(tmp_path, Parts(Mesh(mesh.V, E), skeleton, influences), "made.gltf")
+    back, _ = written(tmp_path, Bundle(Mesh(mesh.V, E), skeleton, influences), "made.gltf")
     assert back.mesh.V.shape == mesh.V.shape
     np.testing.assert_allclose(back.mesh.V, mesh.V, atol=1e-6)
     assert back.mesh.E.tolist() == E.tolist()
@@ -181,7 +181,7 @@ def test_a_flat_character(tmp_path, rng):
 
 def test_a_mesh_alone_far_from_the_origin(tmp_path, rng):
     V = rng.normal(size=(30, 3)) * 1e-3 + [1e6, 0, -1e6]
-    back, notes = written(tmp_path, Parts(Mesh(V, np.arange(30).reshape(-1, 3))))
+    back, notes = written(tmp_path, Bundle(Mesh(V, np.arange(30).reshape(-1, 3))))
     assert notes == ()
     assert np.abs(back.mesh.V - V).max() < 1e-5 * np.ptp(V, axis=0).max()
 
@@ -190,7 +190,7 @@ def test_weights_are_made_whole(tmp_path):
     skeleton = skeleton_of_joints([[0, 0, 0], [1, 0, 0]], [-1, 0], ["a", "b"])
     mesh = Mesh(np.eye(3), np.array([[0, 1, 2]]))
     influences = Influences(np.array([0, 0, 1, 1, 1]), np.array([0, 1, 1, 0, 1]), np.array([2.0, 6, 0.25, -1, 0.5]))
-    back, notes = written(tmp_path, Parts(mesh, skeleton, influences))
+    back, notes = written(tmp_path, Bundle(mesh, skeleton, influences))
     assert notes == ("1 negative weights are left out", "1 vertices have no weight and are given to 'a'")
     assert back.influences.dense(3, 2, "").tolist() == [[0.25, 0.75], [0, 1], [1, 0]]
 
@@ -201,7 +201,7 @@ def test_clips_that_do_not_fit_a_file_as_they_are(tmp_path):
     B[:, 0, 2, 3] = np.arange(4)
     still = Clip("still", skeleton, np.array([0.0]), B[:1])
     clips = (still, Clip("none", skeleton, np.zeros(0), B[:0]), Clip("late", skeleton, np.array([-1.0, 0, 0, 1]), B))
-    back, notes = written(tmp_path, Parts(skeleton=skeleton, clips=clips))
+    back, notes = written(tmp_path, Bundle(skeleton=skeleton, clips=clips))
     assert notes == (
         "clip 'none' has no frame and is left out",
         "clip 'late' starts at -1 s and is moved to 0 s",
@@ -211,7 +211,7 @@ def test_clips_that_do_not_fit_a_file_as_they_are(tmp_path):
     assert back.clips[1].times.tolist() == [0, 1, 2]
     assert back.clips[1].B[:, 0, 2, 3].tolist() == [0, 2, 3]
     # A clip that moves nothing still is one.
-    back, _ = written(tmp_path, Parts(skeleton=skeleton, clips=(still,)))
+    back, _ = written(tmp_path, Bundle(skeleton=skeleton, clips=(still,)))
     assert back.clips[0].B.tolist() == B[:1].tolist()
 
 
@@ -225,18 +225,18 @@ OTHER = Skeleton([[0, 0, 0], [1, 0, 0]], [[1, 0]], [-1], ("a",))
 @pytest.mark.parametrize(
     ("parts", "match"),
     [
-        (Parts(), "neither a mesh nor a skeleton"),
-        (Parts(FACE, None, ONE), "need a skeleton"),
-        (Parts(FACE, clips=(Clip("c", BONE, [0.0], STILL),)), "need a skeleton"),
-        (Parts(None, BONE, ONE), "need a mesh"),
-        (Parts(Mesh(np.eye(3), np.zeros((0, 3), int))), "mesh of triangles"),
-        (Parts(Mesh(np.eye(2), np.array([[0, 1]]))), "mesh of triangles"),
-        (Parts(Mesh(np.eye(3), np.array([[0, 1, 3]]))), "E"),
-        (Parts(FACE, BONE, Influences(np.array([3]), np.array([0]), np.array([1.0]))), "influences.vertex"),
-        (Parts(FACE, BONE, Influences(np.array([0]), np.array([1]), np.array([1.0]))), "influences.bone"),
-        (Parts(None, BONE, None, (Clip("c", OTHER, [0.0], STILL),)), "clip 'c' belongs to another skeleton"),
-        (Parts(None, BONE, None, (Clip("c", BONE, [0.0], STILL * 2),)), "last row"),
-        (Parts(None, BONE, None, (Clip("c", BONE, [0.0, 1], STILL),)), "B must be"),
+        (Bundle(), "neither a mesh nor a skeleton"),
+        (Bundle(FACE, None, ONE), "need a skeleton"),
+        (Bundle(FACE, clips=(Clip("c", BONE, [0.0], STILL),)), "need a skeleton"),
+        (Bundle(None, BONE, ONE), "need a mesh"),
+        (Bundle(Mesh(np.eye(3), np.zeros((0, 3), int))), "mesh of triangles"),
+        (Bundle(Mesh(np.eye(2), np.array([[0, 1]]))), "mesh of triangles"),
+        (Bundle(Mesh(np.eye(3), np.array([[0, 1, 3]]))), "E"),
+        (Bundle(FACE, BONE, Influences(np.array([3]), np.array([0]), np.array([1.0]))), "influences.vertex"),
+        (Bundle(FACE, BONE, Influences(np.array([0]), np.array([1]), np.array([1.0]))), "influences.bone"),
+        (Bundle(None, BONE, None, (Clip("c", OTHER, [0.0], STILL),)), "clip 'c' belongs to another skeleton"),
+        (Bundle(None, BONE, None, (Clip("c", BONE, [0.0], STILL * 2),)), "last row"),
+        (Bundle(None, BONE, None, (Clip("c", BONE, [0.0, 1], STILL),)), "B must be"),
     ],
 )
 def test_what_cannot_be_written(tmp_path, parts, match):
@@ -249,7 +249,7 @@ def test_what_is_written_keeps_to_the_specification(tmp_path, rng):
     skeleton = chain(6, rng)
     mesh, influences = whole(skeleton, rng, most=6)
     clip = Clip("c", skeleton, np.arange(5.0), rigid(skeleton, rng))
-    write_gltf(tmp_path / "a.glb", Parts(mesh, skeleton, influences, (clip,)))
+    write_gltf(tmp_path / "a.glb", Bundle(mesh, skeleton, influences, (clip,)))
     data = (tmp_path / "a.glb").read_bytes()
     assert struct.unpack("<4sII", data[:12]) == (b"glTF", 2, len(data))
     size = struct.unpack("<I", data[12:16])[0]
@@ -287,7 +287,7 @@ def test_smooth_normals_point_outward(tmp_path):
     V = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [5, 5, 5]])
     sides = [(x, y, z) for x in (0, 1) for y in (2, 3) for z in (4, 5)]
     E = np.array([(x, y, z) if (x + y + z) % 2 == 0 else (y, x, z) for x, y, z in sides])
-    write_gltf(tmp_path / "a.gltf", Parts(Mesh(V, E)))
+    write_gltf(tmp_path / "a.gltf", Bundle(Mesh(V, E)))
     root = json.loads((tmp_path / "a.gltf").read_text())
     view = root["bufferViews"][root["meshes"][0]["primitives"][0]["attributes"]["NORMAL"]]
     data = base64.b64decode(root["buffers"][0]["uri"].split(",")[1])

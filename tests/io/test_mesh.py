@@ -6,8 +6,8 @@ import pytest
 
 from nilbs.geometry.facets import is_watertight
 from nilbs.io import FileFormatError, read_mesh, write_mesh
+from nilbs.io.bundle import Mesh, select_group
 from nilbs.io.mesh import read_mesh_parts
-from nilbs.io.parts import Mesh, select_group
 
 TETRAHEDRON = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 SIDES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

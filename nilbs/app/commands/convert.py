@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
     """Read, write and report."""
     from nilbs.app.inputs import gather
     from nilbs.app.output import show
-    from nilbs.characters.motion import read_motion
+    from nilbs.characters.motion import load_motion
     from nilbs.characters.saving import check_outputs, write_files
     from nilbs.io import check_suffix, check_writable
     from nilbs.io.bone_map import write_bone_map
@@ -61,12 +61,12 @@ def run(args: argparse.Namespace) -> None:
             guesses.append((_guess(path, args.clip, skeleton), skeleton.names))
             if len(mapped) > 1:
                 raise ValueError(f"--write-map writes the map of one motion, and there are {' and '.join(mapped)}")
-        return read_motion(path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append)
+        return load_motion(path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append)
 
     try:
         inputs = gather(
             args.inputs,
-            read_motion=motion_for,
+            load_motion=motion_for,
             clip=args.clip,
             group=args.group,
             solve=args.solve,

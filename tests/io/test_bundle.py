@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from nilbs.io.bundle import Bundle, Influences, Mesh, select_group
 from nilbs.io.errors import FileFormatError
-from nilbs.io.parts import Influences, Mesh, Parts, select_group
 
 
 def test_weights_that_are_named_twice_count_with_their_sum() -> None:
@@ -52,7 +52,7 @@ def test_a_group_that_is_not_there_is_named_with_those_that_are(groups: dict, kn
 
 
 def test_what_a_file_does_not_hold_is_missing() -> None:
-    parts = Parts()
+    parts = Bundle()
     assert parts.mesh is parts.skeleton is parts.influences is None
     assert parts.clips == parts.notes == ()
     # No mesh shares its groups with another.

@@ -124,8 +124,8 @@ class Clip:
 
 
 @dataclass(frozen=True)
-class Parts:
-    """What was found in one file.
+class Bundle:
+    """What was found of a character.
 
     Attributes
     ----------
