@@ -8,7 +8,7 @@ from nilbs.app.contents import Content
 from nilbs.app.surfaces import describe_surface, verdict
 from nilbs.geometry.facets import components
 from nilbs.geometry.kinematics import local_rotations, rms_rotation
-from nilbs.geometry.plane import in_space
+from nilbs.geometry.plane import in_space, is_flat
 from nilbs.geometry.rig_diagnosis import coincident_joints
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.volume import boundary_facets, element_volumes
@@ -83,7 +83,6 @@ def _mesh(V: np.ndarray, E: np.ndarray, problems: list[str]) -> dict[str, Any]:
 
 def _rig(skeleton: Skeleton, problems: list[str]) -> dict[str, Any]:
     C, BE, names = skeleton.C, skeleton.BE, skeleton.names
-    flat = skeleton.d == 2 or not C[:, 2].any()
     extent = np.ptp(C, axis=0).max()
     long = np.flatnonzero(BE[:, 0] != BE[:, 1])  # rigs whose bones are joints end in joints without length
     length = np.linalg.norm(C[BE[long, 1]] - C[BE[long, 0]], axis=1)
@@ -103,7 +102,7 @@ def _rig(skeleton: Skeleton, problems: list[str]) -> dict[str, Any]:
     if len(joined):
         problems.append(f"{len(joined)} joints lie on another joint, joint {joined[0]} first")
     return {
-        "d": 2 if flat else 3,
+        "d": 2 if is_flat(C) else 3,
         "joints": len(C),
         "bones": len(BE),
         "roots": int((skeleton.P < 0).sum()),

@@ -211,14 +211,11 @@ def in_dimension(skeleton: Skeleton, d: int) -> Skeleton:
     ValueError
         If the mesh is flat and the skeleton is not, or the other way round.
     """
-    C = skeleton.C
     if skeleton.d == d:
         return skeleton
     if d == 3:
         raise ValueError("the mesh has 3 dimensions but the rig has 2")
-    if np.abs(C[:, 2]).max(initial=0) > 1e-6 * np.linalg.norm(np.ptp(C, axis=0)):
-        raise ValueError(f"the mesh is flat (z = 0) but joint {int(np.abs(C[:, 2]).argmax())} of the rig is not")
-    return Skeleton(C[:, :2].copy(), skeleton.BE, skeleton.P, skeleton.names, skeleton.forks)
+    return skeleton.in_plane()
 
 
 def check_sizes(W: np.ndarray, n: int, b: int, *, group: int | None = None) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nilbs.characters.report import Report
+from nilbs.geometry.plane import transforms_in_plane
 from nilbs.geometry.retargeting import guess_bone_map, retarget
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import listed
@@ -86,7 +87,11 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
     """
     source, B = clip.skeleton, clip.B
     if target.d == 2:
-        source, B = _flat(path, source, B)
+        try:
+            source = source.in_plane()
+        except ValueError as error:
+            raise FileFormatError(path, str(error)) from None
+        B = in_plane(path, B)
     own = _own_bones(source, target) if bone_map is None else None
     if own is not None:
         return B[:, own]
@@ -163,27 +168,12 @@ def _own_bones(source: Skeleton, target: Skeleton) -> np.ndarray | None:
     return own if (apart <= SAME_PLACE * size).all() else None
 
 
-def _flat(path: Path, source: Skeleton, B: np.ndarray) -> tuple[Skeleton, np.ndarray]:
-    """A skeleton and its motion in the plane z = 0."""
-    if np.abs(source.C[:, 2]).max() > 1e-6 * np.linalg.norm(np.ptp(source.C, axis=0)):
-        raise FileFormatError(path, "the skeleton is not flat (z = 0), but the character is")
-    return Skeleton(source.C[:, :2], source.BE, source.P, source.names, source.forks), in_plane(path, B)
-
-
 def in_plane(path: Path, B: np.ndarray) -> np.ndarray:
-    """Transforms (t, b, 4, 4) of the plane z = 0 as transforms (t, b, 3, 3) of two dimensions.
-
-    Raises
-    ------
-    FileFormatError
-        If one leaves the plane; `path` says of which file.
-    """
-    across = np.abs(B[..., 2, [0, 1, 3]]).max(axis=-1) + np.abs(B[..., :2, 2]).max(axis=-1)
-    if (across > 1e-6 * np.abs(B).max()).any():
-        frame, bone = np.argwhere(across > 1e-6 * np.abs(B).max())[0]
-        raise FileFormatError(path, f"frame {frame} moves bone {bone} out of the plane of a flat character")
-    plane = [0, 1, 3]
-    return B[..., plane, :][..., plane]
+    """`transforms_in_plane` of a file's motion; FileFormatError if one leaves the plane."""
+    try:
+        return transforms_in_plane(B)
+    except ValueError as error:
+        raise FileFormatError(path, str(error)) from None
 
 
 def _axes(R: np.ndarray) -> str:

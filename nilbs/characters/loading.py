@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nilbs.characters.report import Report, silent
-from nilbs.geometry.plane import in_space
+from nilbs.geometry.plane import flattened, in_space
 from nilbs.geometry.simplex import weights_on_simplex
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.bundle import Bundle, Clip, Mesh, select_group
@@ -267,7 +267,7 @@ def whole_or_group(mesh: Mesh, group: str | None) -> tuple[np.ndarray, np.ndarra
     ((3, 2), [1, 2, 3])
     """
     V, E, kept = (mesh.V, mesh.E, np.arange(len(mesh.V))) if group is None else select_group(mesh, group)
-    return V[:, :2].copy() if V.shape[1] == 3 and not V[:, 2].any() else V, E, kept
+    return flattened(V), E, kept
 
 
 def _weights_of_file(path: str | Path, n: int, kept: np.ndarray, skeleton: Skeleton) -> np.ndarray:

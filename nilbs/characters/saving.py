@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nilbs.geometry.plane import in_space, skeleton_in_space, transforms_in_space
+from nilbs.geometry.plane import in_space, transforms_in_space
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import listed
 from nilbs.io.atomic import check_writable, replacing
@@ -98,7 +98,7 @@ def clip_of(motion: "Motion", skeleton: Skeleton) -> Clip:
     """
     source = Path(motion.source)
     name = source.stem if source.suffix.lower() in MOTIONS else motion.source  # it may end in a number with a point
-    return Clip(name, skeleton_in_space(skeleton), motion.times, transforms_in_space(motion.B))
+    return Clip(name, skeleton.in_space(), motion.times, transforms_in_space(motion.B))
 
 
 def write_files(
@@ -140,11 +140,9 @@ def write_files(
     check_outputs(paths)
     character = _Character(
         None if mesh is None else replace(mesh, V=in_space(mesh.V)),
-        None if skeleton is None else skeleton_in_space(skeleton),
+        None if skeleton is None else skeleton.in_space(),
         W,
-        tuple(
-            replace(clip, skeleton=skeleton_in_space(clip.skeleton), B=transforms_in_space(clip.B)) for clip in clips
-        ),
+        tuple(replace(clip, skeleton=clip.skeleton.in_space(), B=transforms_in_space(clip.B)) for clip in clips),
     )
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         written = []

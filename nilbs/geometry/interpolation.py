@@ -3,6 +3,7 @@
 import numpy as np
 
 from nilbs.geometry.distance import closest_points
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import boundary_facets
 
@@ -120,8 +121,7 @@ def volume_interpolation(V: np.ndarray, T: np.ndarray, values: np.ndarray, x: np
     check_indices("T", T, len(V), "vertices")
     if V.shape[1] == 2:
         # In the plane the elements are a surface of their own, whose closest place is the point itself where it is in.
-        flat, points = (np.pad(a, ((0, 0), (0, 1))) for a in (V, x))
-        return surface_interpolation(flat, T, values, points)
+        return surface_interpolation(in_space(V), T, values, in_space(x))
     import igl
 
     tree = igl.AABB()

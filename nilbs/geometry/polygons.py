@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.validation import arrays, check_indices
 
 _FLAT = 1e-9  # of a polygon's area: triangles smaller than this have none
@@ -63,7 +64,7 @@ def cut_polygons(V: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tupl
     many = np.flatnonzero(counts > 3)
     if not len(many):
         return F, face, crossed
-    V = _in_space(V)
+    V = in_space(V) / (np.abs(V).max() or 1.0) / 4  # so that no difference overflows
     inside = np.flatnonzero(counts[face] > 3)
     starts = np.cumsum(fans[many]) - fans[many]
     of = np.repeat(np.arange(len(many)), fans[many])
@@ -94,13 +95,6 @@ def cut_polygons(V: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tupl
     lowest = np.minimum.reduceat((area * normal[of]).sum(axis=1), starts)
     crossed[many] = (lowest < -_FLAT * largest * length) | ((length <= _FLAT * largest) & (largest > 0))
     return F, face, crossed
-
-
-def _in_space(V: np.ndarray) -> np.ndarray:
-    """Vertices in three dimensions, small enough that no difference overflows."""
-    xyz = np.zeros((len(V), 3))
-    xyz[:, : V.shape[1]] = V
-    return xyz / (np.abs(xyz).max() or 1.0) / 4
 
 
 def _sides(V: np.ndarray, F: np.ndarray) -> np.ndarray:

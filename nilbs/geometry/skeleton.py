@@ -1,11 +1,12 @@
 """Skeletons: joints, the bones between them, their parents and names."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from nilbs.geometry.kinematics import bone_order, bone_parents
+from nilbs.geometry.plane import in_space, is_flat
 from nilbs.geometry.validation import arrays, check_indices
 
 
@@ -73,6 +74,17 @@ class Skeleton:
     def d(self) -> int:
         """Dimension of space, 2 or 3."""
         return self.C.shape[1]
+
+    def in_space(self) -> "Skeleton":
+        """The skeleton in three dimensions; a planar one at z = 0."""
+        return replace(self, C=in_space(self.C))
+
+    def in_plane(self) -> "Skeleton":
+        """A flat skeleton in two dimensions; ValueError if a joint leaves the plane z = 0."""
+        if not is_flat(self.C):
+            joint = int(np.abs(self.C[:, 2]).argmax())
+            raise ValueError(f"the mesh is flat (z = 0) but joint {joint} of the rig is not")
+        return replace(self, C=self.C[:, :2].copy())
 
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
         """Line segments that move with bones: every bone's own, and one more for each fork.

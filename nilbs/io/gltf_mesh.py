@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from nilbs.geometry.plane import counter_clockwise
+from nilbs.geometry.plane import counter_clockwise, flattened
 from nilbs.geometry.rotations import transform_points
 from nilbs.io.bundle import Influences, Mesh
 from nilbs.io.gltf_document import Document
@@ -198,7 +198,5 @@ def _triangles(corners: np.ndarray, mode: int) -> np.ndarray:
 
 def _mesh(V: np.ndarray, E: np.ndarray, groups: dict[str, np.ndarray]) -> Mesh:
     """The mesh; one that is flat in the plane, its triangles counter-clockwise."""
-    if V[:, 2].any():
-        return Mesh(V, E, groups)
-    V = V[:, :2].copy()
-    return Mesh(V, counter_clockwise(V, E), groups)
+    V = flattened(V)
+    return Mesh(V, counter_clockwise(V, E) if V.shape[1] == 2 else E, groups)

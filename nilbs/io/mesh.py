@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nilbs.geometry.plane import counter_clockwise
+from nilbs.geometry.plane import counter_clockwise, flattened
 from nilbs.geometry.polygons import cut_polygons
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
@@ -98,8 +98,8 @@ def read_mesh_parts(path: str | os.PathLike) -> Mesh:
         raise FileFormatError(path, "the file holds no vertex")
     check_corners(file, "face")
     check_corners(file, "edge")
-    flat = not file.V[:, 2].any()
-    V = file.V[:, :2].copy() if flat else file.V
+    V = flattened(file.V)
+    flat = V.shape[1] == 2
     if len(file.faces.counts) == 0 and flat:
         edges = file.edges.corners.reshape(-1, 2)
         edges = edges[edges[:, 0] != edges[:, 1]]

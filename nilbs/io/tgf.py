@@ -6,6 +6,7 @@ import re
 import numpy as np
 
 from nilbs.geometry.kinematics import bone_parents
+from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, check_indices, listed
 from nilbs.io.atomic import replacing
@@ -113,10 +114,9 @@ def write_tgf(path: str | os.PathLike, C: np.ndarray, BE: np.ndarray) -> None:
     """
     C, BE = arrays(C=(C, "k d"), BE=(BE, "b 2", int))
     check_indices("BE", BE, len(C), "joints")
-    flat = ["0.0"] * (3 - C.shape[1])
     with replacing(path, "w") as file:
-        for index, position in enumerate(C.tolist(), 1):
-            file.write(" ".join([str(index), *map(str, position), *flat]) + "\n")
+        for index, position in enumerate(in_space(C).tolist(), 1):
+            file.write(" ".join([str(index), *map(str, position)]) + "\n")
         file.write("#\n")
         file.writelines(f"{parent} {child}\n" for parent, child in (BE + 1).tolist())
         file.write("#\n")

@@ -352,7 +352,7 @@ def test_clips_in_the_plane(tmp_path: Path, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(load_motion(tmp_path / "m.bvh", larger).B[..., :2, :2], B[..., :2, :2], atol=1e-5)
     deep = Skeleton(solid.C * [1, 1, 0] + np.array([[0, 0, 0], [0, 0, 0.5], [0, 0, 0]]), solid.BE, solid.P, solid.names)
     write_bvh(tmp_path / "deep.bvh", Clip("m", deep, np.arange(4) / 24, in_space(B)))
-    with pytest.raises(FileFormatError, match=r"deep\.bvh: the skeleton is not flat"):
+    with pytest.raises(FileFormatError, match=r"deep\.bvh: .*joint"):
         load_motion(tmp_path / "deep.bvh", flat)
 
 

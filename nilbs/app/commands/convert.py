@@ -104,7 +104,6 @@ def _guess(motion_path: str, clip: str | None, skeleton: "Skeleton") -> dict[str
 
     from nilbs.characters.clips import chosen_clip
     from nilbs.characters.report import silent
-    from nilbs.geometry.plane import skeleton_in_space
     from nilbs.geometry.retargeting import guess_bone_map
     from nilbs.io.registry import OWN_MOTIONS
 
@@ -112,6 +111,6 @@ def _guess(motion_path: str, clip: str | None, skeleton: "Skeleton") -> dict[str
         raise ValueError(f"--write-map: {motion_path} moves the rig's own bones, there is nothing to map")
     source = chosen_clip(Path(motion_path), clip, silent).skeleton
     try:
-        return guess_bone_map(source, skeleton_in_space(skeleton))
+        return guess_bone_map(source, skeleton.in_space())
     except ValueError:
         return {}
