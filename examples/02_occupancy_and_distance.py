@@ -21,10 +21,10 @@ from nilbs.figures.views import Section, View
 from nilbs.geometry.diagnosis import enclosed_volume
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import occupancy, winding_number
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.sampling import uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.winding import occupancy, winding_number
 from nilbs.io.mesh import write_mesh
 
 HERE = Path(__file__).parent

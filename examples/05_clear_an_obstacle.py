@@ -19,7 +19,7 @@ from nilbs.fields.kinematics import forward_kinematics
 from nilbs.figures.canvas import plain, sheet, write_png
 from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import View
-from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.winding import occupancy
 
 HERE = Path(__file__).parent
 MARGIN = 0.01  # of L, between body and obstacle

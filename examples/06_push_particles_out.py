@@ -17,7 +17,7 @@ import nilbs
 from nilbs.figures.canvas import evenly_spaced, plain, sheet, write_png
 from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import View
-from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.winding import occupancy
 
 HERE = Path(__file__).parent
 MARGIN = 0.004  # of L, that a particle keeps from the skin

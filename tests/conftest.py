@@ -37,7 +37,7 @@ def characters() -> "dict[int, Character]":
     from nilbs.characters.character import assemble
     from nilbs.characters.gingerbread import gingerbread
     from nilbs.geometry.grids import Grid
-    from nilbs.geometry.isosurface import isosurface
+    from nilbs.geometry.level_sets import isosurface
     from nilbs.geometry.skeleton import skeleton_of_bones
 
     grid = Grid.box(np.array([[-0.9, -0.3, -0.3], [0.9, 0.3, 0.3]]), 24)

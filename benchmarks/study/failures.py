@@ -28,9 +28,9 @@ from nilbs.figures.views import Section, View
 from nilbs.geometry.diagnosis import enclosed_volume
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.metrics import intersection_over_union
-from nilbs.geometry.occupancy import occupancy, winding_number
 from nilbs.geometry.skeleton import skeleton_of_bones
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.winding import occupancy, winding_number
 from nilbs.models.protocol import RESOLUTION
 
 if TYPE_CHECKING:

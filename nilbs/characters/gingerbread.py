@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.plane import in_space
+from nilbs.geometry.winding import occupancy
 from nilbs.io.mesh import write_mesh
 from nilbs.io.tgf import write_tgf
 
@@ -89,7 +89,7 @@ def gingerbread(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
         V, T = _fill(outline, also=_bone_samples(C, BE, spacing=float(np.linalg.norm(outline[1] - outline[0]))))
         return V, T, C, BE
     V, F = _cookie(_outline(265))
-    return V, F, np.pad(C, ((0, 0), (0, 1))), BE
+    return V, F, in_space(C), BE
 
 
 def write_gingerbread(folder: str | Path, d: int) -> tuple[Path, Path]:

@@ -8,9 +8,9 @@ import numpy as np
 from nilbs.geometry.facets import facet_normals
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.interpolation import facet_values
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.sampling import element_samples, facet_samples, near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.winding import occupancy
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from nilbs.figures.canvas import (
 )
 from nilbs.figures.views import Section, View
 from nilbs.geometry.metrics import intersection_over_union
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.winding import occupancy
 
 if TYPE_CHECKING:
     from nilbs.models.model import Model

@@ -9,8 +9,8 @@ from matplotlib.lines import Line2D
 from nilbs.figures.canvas import AXES, evenly_spaced, plain, sheet, write_png
 from nilbs.figures.surfaces import draw_body, draw_bones, draw_frames
 from nilbs.figures.views import Section, View
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.winding import occupancy
 
 if TYPE_CHECKING:
     from nilbs.models.model import Model

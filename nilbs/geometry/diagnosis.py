@@ -6,9 +6,9 @@ import numpy as np
 
 from nilbs.geometry.facets import components, facet_areas, facet_normals
 from nilbs.geometry.intersections import degenerate_facets, self_intersections, t_junctions
-from nilbs.geometry.occupancy import winding_number
 from nilbs.geometry.topology import Ridges, group_labels, ridges
 from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.winding import winding_number
 
 # In sizes of a facet: so close beside it that little lies between.
 _STEP = 1e-4
@@ -200,6 +200,11 @@ def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
     -------
     volume : float
         In mesh units to the power d. Where the surface covers a place twice, it counts twice.
+
+    Raises
+    ------
+    ValueError
+        If V and F disagree on d.
 
     Examples
     --------

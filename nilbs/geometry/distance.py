@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.winding import occupancy
 
 
 def closest_points(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

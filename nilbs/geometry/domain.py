@@ -9,12 +9,12 @@ from nilbs.geometry.diagnosis import enclosed_volume, solid_defects
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.facets import facet_areas
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.triangles import conforming_triangles
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import boundary_facets, element_volumes
-from nilbs.geometry.wrap import wrap, wrapping_surface
+from nilbs.geometry.winding import occupancy
+from nilbs.geometry.wrapping import wrap, wrapping_surface
 
 # Weights are smooth, so a volume of some ten thousand vertices tells them; factorising grows with the square of that.
 SURFACE_LIMIT = 10_000  # vertices; a surface with more is decimated

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
+from nilbs.geometry.level_sets import isosurface
 
 # A block of cells is looked into where the rest distance at one of its corners is below this many block diagonals.
 # Distance changes at most as fast as position at rest; the margin is for stretched skin and for the blend's own slope.
@@ -35,6 +35,11 @@ def field_surface(
         Vertices, in mesh units.
     F : (m, d) int array
         Facets, oriented outward.
+
+    Raises
+    ------
+    ValueError
+        If a level is not finite.
 
     Examples
     --------

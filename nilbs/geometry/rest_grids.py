@@ -8,9 +8,9 @@ import numpy as np
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.interpolation import facet_values, volume_interpolation
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.topology import group_labels, ridges
 from nilbs.geometry.validation import arrays
+from nilbs.geometry.winding import occupancy
 
 # Nodes that libigl is asked for at once.
 CHUNK = 2**19

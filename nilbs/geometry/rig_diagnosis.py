@@ -6,10 +6,10 @@ from itertools import permutations, product
 
 import numpy as np
 
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.topology import group_labels
 from nilbs.geometry.validation import arrays
+from nilbs.geometry.winding import occupancy
 
 _ON_TOP = 1e-6  # of the rig's extent: joints that are nearer coincide
 _SAMPLES = 9  # points between the joints of a bone

@@ -11,11 +11,11 @@ from nilbs.geometry.distance import closest_points
 from nilbs.geometry.domain import MARGIN, volume_domain
 from nilbs.geometry.handles import BoneConditions, bone_conditions, bone_points, described, distinct_points
 from nilbs.geometry.interpolation import volume_interpolation
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import boundary_facets
 from nilbs.geometry.weights import biharmonic_energy, bounded_biharmonic_weights
+from nilbs.geometry.winding import occupancy
 
 # Of the diagonal of the mesh.
 SPACING = 0.03  # of the points that hold a bone; short bones have one between their joints all the same

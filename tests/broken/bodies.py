@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
 from nilbs.geometry.kinematics import bone_parents
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.skeleton import Skeleton
 
 Mesh = tuple[np.ndarray, np.ndarray]

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import sparse
 
-from nilbs.geometry.occupancy import winding_number
+from nilbs.geometry.winding import winding_number
 
 
 def size(V: np.ndarray, F: np.ndarray) -> float:

@@ -5,9 +5,9 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.sampling import element_samples, facet_samples, uniform_samples
 from nilbs.geometry.volume import element_volumes
+from nilbs.geometry.winding import occupancy
 
 from .case import Case, Kind
 from .defects import areas

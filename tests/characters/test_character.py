@@ -8,11 +8,11 @@ import nilbs
 from nilbs.characters.character import Character, assemble, in_dimension
 from nilbs.geometry.diagnosis import enclosed_volume
 from nilbs.geometry.facets import is_watertight
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.rotations import rigid_transforms
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.volume import boundary_facets, element_volumes
+from nilbs.geometry.winding import occupancy
 from nilbs.io.errors import FileFormatError
 from nilbs.io.mesh import write_mesh
 from nilbs.io.tgf import write_tgf

@@ -11,7 +11,7 @@ import pytest
 
 from nilbs.characters.gingerbread import gingerbread, write_gingerbread
 from nilbs.geometry.kinematics import bone_parents
-from nilbs.geometry.occupancy import winding_number
+from nilbs.geometry.winding import winding_number
 from nilbs.io.mesh import read_mesh
 from nilbs.io.tgf import read_tgf
 

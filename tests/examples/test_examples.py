@@ -11,7 +11,7 @@ import pytest
 
 from nilbs.geometry.facets import is_watertight
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
+from nilbs.geometry.level_sets import isosurface
 from nilbs.io.mesh import read_mesh, write_mesh
 from nilbs.io.tgf import write_tgf
 

@@ -4,10 +4,10 @@ import pytest
 from nilbs.fields.samples import occupancy_samples, surface_samples, volume_samples
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.rotations import rigid_transforms
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.winding import occupancy
 
 
 def ball(d: int) -> tuple[np.ndarray, np.ndarray]:

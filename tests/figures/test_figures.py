@@ -11,9 +11,9 @@ from nilbs.characters.motion import random_motion
 from nilbs.figures import ghost_figure, reconstruction_figure, write_figures
 from nilbs.figures.canvas import FALSE_INSIDE, FALSE_OUTSIDE
 from nilbs.figures.training import running_median
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.winding import occupancy
 from nilbs.methods.settings import Settings
 
 NAMES = ["notation.png", "weights.png", "ghost.png", "training.png", "reconstruction.png"]

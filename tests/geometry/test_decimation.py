@@ -5,7 +5,7 @@ from nilbs.geometry.copyleft.decimation import decimated
 from nilbs.geometry.diagnosis import enclosed_volume, solid_defects
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
+from nilbs.geometry.level_sets import isosurface
 
 
 def torus(cells: int = 40) -> tuple[np.ndarray, np.ndarray]:

@@ -7,9 +7,9 @@ from nilbs.geometry.copyleft import tetrahedra
 from nilbs.geometry.diagnosis import enclosed_volume, solid_defects
 from nilbs.geometry.domain import Domain, blocks, volume_domain, welded
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.volume import boundary_facets, element_volumes
+from nilbs.geometry.winding import occupancy
 
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
 CUBE_F = np.array(

@@ -4,7 +4,7 @@ import pytest
 from nilbs.geometry.extraction import field_surface, node_levels
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.metrics import surface_scores
-from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.winding import occupancy
 from nilbs.methods.mesh_lbs import MeshLbs
 
 

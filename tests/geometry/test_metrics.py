@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.metrics import intersection_over_union, surface_scores
 
 LENGTHS = ("chamfer_l1", "chamfer_l1_sampled", "hausdorff", "p95")

@@ -5,8 +5,8 @@ from scipy.interpolate import RegularGridInterpolator
 from nilbs.geometry.distance import closest_points, signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.interpolation import volume_interpolation
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.rest_grids import distance_bricks, distance_grid, weight_grid
+from nilbs.geometry.winding import occupancy
 
 
 @pytest.mark.parametrize("d", [2, 3])

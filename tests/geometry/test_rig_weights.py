@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.rig_weights import SolvedWeights, check_rig_fits, solve_weights
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 from nilbs.geometry.volume import element_volumes

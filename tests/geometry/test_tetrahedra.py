@@ -7,9 +7,9 @@ from igl.copyleft import tetgen
 
 from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.volume import boundary_facets, element_volumes
+from nilbs.geometry.winding import occupancy
 
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1.0]])
 CUBE_F = np.array(

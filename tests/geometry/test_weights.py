@@ -10,7 +10,7 @@ from scipy import sparse
 from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.handles import bone_conditions, bone_points, distinct_points
-from nilbs.geometry.isosurface import isosurface
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.triangles import conforming_triangles
 from nilbs.geometry.weights import (

@@ -8,9 +8,9 @@ from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.facets import is_watertight
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.kinematics import forward_kinematics, random_rotations
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
+from nilbs.geometry.winding import occupancy
 from nilbs.methods.nearest import NearestVertex
 
 

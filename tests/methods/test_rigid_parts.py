@@ -7,9 +7,9 @@ from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import node_levels
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.kinematics import forward_kinematics, random_rotations
-from nilbs.geometry.occupancy import occupancy
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.winding import occupancy
 from nilbs.methods.rigid_parts import RigidParts
 
 

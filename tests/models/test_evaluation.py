@@ -10,8 +10,8 @@ from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion, random_motion
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
 from nilbs.geometry.kinematics import local_rotations
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.rotations import rotation_matrices
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.methods.mesh_lbs import MeshLbs

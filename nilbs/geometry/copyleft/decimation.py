@@ -40,7 +40,7 @@ def decimated(V: np.ndarray, F: np.ndarray, facets: int) -> tuple[np.ndarray, np
     Examples
     --------
     >>> from nilbs.geometry.grids import Grid
-    >>> from nilbs.geometry.isosurface import isosurface
+    >>> from nilbs.geometry.level_sets import isosurface
     >>> grid = Grid.cube([[-1, -1, -1], [1, 1, 1]], 20)
     >>> V, F = isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
     >>> len(decimated(V, F, 200)[1])

@@ -7,7 +7,7 @@ from benchmarks.study.twist import DEGREES, MAPS, twist_model, twist_motion, twi
 from nilbs.characters.capsule import capsule
 from nilbs.characters.character import Character
 from nilbs.geometry.diagnosis import enclosed_volume
-from nilbs.geometry.occupancy import winding_number
+from nilbs.geometry.winding import winding_number
 from nilbs.models.model import Model
 
 RADIUS = 0.1

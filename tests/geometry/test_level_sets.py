@@ -4,8 +4,8 @@ from scipy.ndimage import gaussian_filter
 
 from nilbs.geometry.facets import components, facet_areas, facet_normals, is_watertight
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import winding_number
+from nilbs.geometry.level_sets import isosurface
+from nilbs.geometry.winding import winding_number
 
 
 def enclosed(V: np.ndarray, F: np.ndarray) -> float:
@@ -116,7 +116,7 @@ def test_two_cells_that_share_a_diagonal_are_told_apart() -> None:
 @pytest.mark.parametrize("kind", ["ties", "a peak far above the rest"])
 def test_ties_need_no_repair(kind: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     # The repair walks edge by edge: slow where a binary volume would need it everywhere.
-    monkeypatch.setattr("nilbs.geometry.isosurface._two_triangles_an_edge", lambda index, F: (index, F))
+    monkeypatch.setattr("nilbs.geometry.level_sets._two_triangles_an_edge", lambda index, F: (index, F))
     shape = (20, 20, 20)
     values = rng.choice([-1.0, 1.0], shape) if kind == "ties" else 1e-4 * rng.normal(size=shape)
     values[0, 0, 0] = 1.0

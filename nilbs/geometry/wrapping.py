@@ -6,10 +6,10 @@ from nilbs.geometry.distance import closest_points
 from nilbs.geometry.extraction import node_levels
 from nilbs.geometry.facets import facet_areas
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import occupancy
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.sampling import facet_samples
 from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.winding import occupancy
 
 # Half the thickness, in cells, that parts without volume are given: above sqrt(3)/2 any sheet holds together.
 THICKNESS = 0.9

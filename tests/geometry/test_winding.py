@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import occupancy, winding_number
+from nilbs.geometry.level_sets import isosurface
+from nilbs.geometry.winding import occupancy, winding_number
 
 
 def ball(d: int, radius: float = 1.0) -> tuple[np.ndarray, np.ndarray]:

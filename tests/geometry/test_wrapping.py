@@ -4,9 +4,9 @@ import pytest
 from nilbs.geometry.diagnosis import enclosed_volume, solid_defects, surface_report
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.isosurface import isosurface
-from nilbs.geometry.occupancy import occupancy
-from nilbs.geometry.wrap import wrap, wrapping_surface
+from nilbs.geometry.level_sets import isosurface
+from nilbs.geometry.winding import occupancy
+from nilbs.geometry.wrapping import wrap, wrapping_surface
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype=float)
