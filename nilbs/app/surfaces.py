@@ -4,7 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from nilbs.geometry.diagnosis import SurfaceReport, surface_report
+from nilbs.geometry.diagnosis import SurfaceReport, solid_defects, surface_report
+from nilbs.geometry.domain import welded
+from nilbs.geometry.orientation import coherent_orientation
 
 
 def describe_surface(
@@ -48,13 +50,16 @@ def describe_surface(
         "watertight": report.watertight,
         "edge_manifold": not report.crowded_ridges,
         "vertex_manifold": not len(report.pinched),
+        "welded_vertices": report.vertices,
+        "seam_vertices": len(report.seam),
         "components": report.components,
+        "boundary_edges" if d == 3 else "open_ends": report.open_ridges,
+        "nonmanifold_edges" if d == 3 else "nonmanifold_vertices": report.crowded_ridges,
         "holes": report.holes,
         "self_intersections": len(report.intersections),
         "isolated_vertices": len(isolated),
         "degenerate_facets": len(report.degenerate),
         "duplicate_facets": len(report.duplicate),
-        "coincident_vertices": len(report.coincident),
         "volume" if d == 3 else "area": report.volume,
         "orientation": ("outward" if report.volume > 0 else "inward") if report.watertight and report.volume else None,
     }
@@ -79,13 +84,10 @@ def verdict(V: np.ndarray, E: np.ndarray) -> str:
     >>> verdict(np.eye(3), np.array([[0, 1, 2]]))
     'not a clean solid (1 hole): weights will be solved in a wrapped volume'
     """
-    from nilbs.geometry.diagnosis import solid_defects
-    from nilbs.geometry.domain import welded
-    from nilbs.geometry.orientation import coherent_orientation
-
     if V.shape[1] == 2:
         return "flat: its own triangles are the domain of the weights"
-    if not solid_defects(V, E):
+    report = surface_report(V, E)
+    if not report.solid_defects() and not len(report.seam):
         return "clean solid: used as it is"
     # What the domain of the weights does before it gives a surface up.
     size = float(np.linalg.norm(np.ptp(V[np.unique(E)], axis=0)))
@@ -132,11 +134,6 @@ def _problems(report: SurfaceReport, m: int, V: np.ndarray, isolated: np.ndarray
         found.append(f"{len(report.duplicate)} of {m} {what} repeat another, number {report.duplicate[0]} first")
     if len(isolated):
         found.append(f"{len(isolated)} of {len(V)} vertices belong to no facet, number {isolated[0]} first")
-    if len(report.coincident):
-        found.append(
-            f"{len(report.coincident)} vertices lie exactly on another, number {report.coincident[0]} first: the "
-            "surface may be cut along a seam"
-        )
     extent = np.ptp(V, axis=0)
     if extent.min() == 0:
         found.append(f"no extent along axis {int(extent.argmin())}")

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nilbs.geometry.facets import components, facet_areas, facet_normals
+from nilbs.geometry.facets import components, facet_areas, facet_normals, seamless
 from nilbs.geometry.intersections import degenerate_facets, self_intersections, t_junctions
 from nilbs.geometry.topology import Ridges, group_labels, ridges
 from nilbs.geometry.validation import arrays, check_indices
@@ -18,6 +18,8 @@ _STEP = 1e-4
 class SurfaceReport:
     """Findings on a surface of n vertices and m facets; a clean solid has none of the defects.
 
+    Vertices at one place count as one vertex: a surface that is cut along a seam is not open there.
+
     Attributes
     ----------
     d : int
@@ -26,6 +28,8 @@ class SurfaceReport:
         L, the longest edge of the bounding box of the vertices that are used.
     volume : float
         Enclosed volume, or area in the plane, negative where facets face inward; of an open surface only a hint.
+    vertices : int
+        Places at which facets have vertices.
     components : int
         Pieces; facets that share a vertex are in one.
     holes : int
@@ -46,15 +50,16 @@ class SurfaceReport:
         Pairs of facets, by `self_intersections`.
     all_intersections : bool
         Whether these are all.
-    isolated : (s,) int array
+    isolated : (i,) int array
         Vertices of no facet.
-    coincident : (c,) int array
-        Vertices that facets use and that lie at the very place of one before them.
+    seam : (s,) int array
+        Vertices of facets that stand at the place of another: textures and sharp edges split vertices there. No defect.
     """
 
     d: int
     size: float
     volume: float
+    vertices: int
     components: int
     holes: int
     open_ridges: int
@@ -68,7 +73,7 @@ class SurfaceReport:
     intersections: np.ndarray
     all_intersections: bool
     isolated: np.ndarray
-    coincident: np.ndarray
+    seam: np.ndarray
 
     @property
     def watertight(self) -> bool:
@@ -76,7 +81,7 @@ class SurfaceReport:
         return not (self.open_ridges or self.crowded_ridges or self.disagreeing_ridges)
 
     def solid_defects(self) -> list[str]:
-        """What keeps the surface from being a clean solid, most important first; isolated vertices do not."""
+        """What keeps the surface from being a clean solid, most important first; isolated vertices and seams do not."""
         hole, ridge, ridges = ("hole", "edge", "edges") if self.d == 3 else ("open end", "vertex", "vertices")
         crossings = _count(len(self.intersections), "self-intersection")
         findings = [
@@ -90,7 +95,6 @@ class SurfaceReport:
             (len(self.pinched), _count(len(self.pinched), "vertex", "vertices") + " where parts only touch"),
             (len(self.degenerate), _count(len(self.degenerate), "facet") + " without area"),
             (len(self.duplicate), _count(len(self.duplicate), "facet") + " twice"),
-            (len(self.coincident), _count(len(self.coincident), "vertex", "vertices") + " on top of others"),
         ]
         return [text for found, text in findings if found]
 
@@ -148,8 +152,7 @@ def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
 
     Notes
     -----
-    Vertices are the same by index, not by place: a surface that is cut along a seam is open there. Only the search for
-    self-intersections takes vertices at one place for one.
+    Vertices at one place, with equal coordinates, are joined first. What is reported of a place names its first vertex.
 
     Examples
     --------
@@ -161,7 +164,11 @@ def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
     if len(F):
         check_indices("F", F, len(V), "vertices")
     used = np.unique(F)
-    meeting = ridges(F)
+    _, place, count = np.unique(V[used] + 0.0, axis=0, return_inverse=True, return_counts=True)
+    joined = seamless(V, F)
+    whole = np.flatnonzero((np.diff(np.sort(joined, axis=1), axis=1) > 0).all(axis=1))  # facets that did not collapse
+    surface = joined[whole]
+    meeting = ridges(surface)
     _, _, alike = meeting.neighbours()
     rim = meeting.corners[meeting.count == 1]
     pairs, complete = self_intersections(V, F)
@@ -169,20 +176,21 @@ def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
         d=V.shape[1],
         size=float(np.ptp(V[used], axis=0).max()) if len(used) else 0.0,
         volume=enclosed_volume(V, F),
-        components=components(F, len(V)),
+        vertices=len(count),
+        components=components(surface, len(V)),
         holes=_open_rims(rim),
         open_ridges=len(rim),
         crowded_ridges=int((meeting.count > 2).sum()),
         disagreeing_ridges=int((~alike).sum()),
         t_junctions=t_junctions(V, rim) if V.shape[1] == 3 and complete else used[:0],
-        pinched=_pinched(F, meeting),
-        inside_out=_inside_out(V, F, meeting),
+        pinched=_pinched(surface, meeting),
+        inside_out=whole[_inside_out(V, surface, meeting)],
         degenerate=np.flatnonzero(degenerate_facets(V, F)),
-        duplicate=_repeated_rows(np.sort(F, axis=1)),
+        duplicate=whole[_repeated_rows(np.sort(surface, axis=1))],
         intersections=pairs,
         all_intersections=complete,
         isolated=np.setdiff1d(np.arange(len(V)), used),
-        coincident=used[_repeated_rows(V[used] + 0.0)],
+        seam=used[count[place.ravel()] > 1],
     )
 
 

@@ -102,6 +102,43 @@ def components(F: np.ndarray, n: int) -> int:
     return len(np.unique(label[F[:, 0]]))
 
 
+def seamless(V: np.ndarray, F: np.ndarray) -> np.ndarray:
+    """Facets that share vertices across seams: each corner is the first vertex of facets at its place.
+
+    Parameters
+    ----------
+    V : (n, d) float array
+        Vertices; d is 2 or 3. Those with equal coordinates stand at one place.
+    F : (m, k) int array
+        Facets, or other elements, indices into V.
+
+    Returns
+    -------
+    F : (m, k) int array
+        The same elements in the same order, indices into the same V.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong or F indexes a missing vertex.
+
+    Examples
+    --------
+    >>> V = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    >>> seamless(V, [[0, 1, 2], [3, 4, 5]]).tolist()
+    [[0, 1, 2], [1, 4, 2]]
+    """
+    V, F = arrays(V=(V, "n d"), F=(F, "m k", int))
+    if not len(F):
+        return F
+    check_indices("F", F, len(V), "vertices")
+    used = np.unique(F)
+    _, first, place = np.unique(V[used] + 0.0, axis=0, return_index=True, return_inverse=True)  # turns -0.0 into 0.0
+    joined = np.arange(len(V))
+    joined[used] = used[first[place.ravel()]]
+    return joined[F]
+
+
 def is_watertight(F: np.ndarray) -> bool:
     """Whether a surface is closed, manifold along its edges and consistently oriented.
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from nilbs.geometry.facets import components, facet_areas, facet_normals, is_watertight
+from nilbs.geometry.facets import components, facet_areas, facet_normals, is_watertight, seamless
 
 TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -90,3 +90,11 @@ def test_wrong_arguments_are_named() -> None:
         components(TETRAHEDRON, 3)
     with pytest.raises(ValueError, match="does not index"):
         is_watertight([[0, -1]])
+
+
+def test_facets_share_the_first_vertex_that_is_used_at_each_place() -> None:
+    V = [[1, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [1, -0.0, 0], [1, 1, 0], [0, 1, 0]]
+    np.testing.assert_array_equal(seamless(V, [[1, 2, 3], [4, 5, 6]]), [[1, 2, 3], [2, 5, 3]])
+    assert seamless(V, np.zeros((0, 3), int)).shape == (0, 3)
+    with pytest.raises(ValueError, match=r"\[7, 1, 2\] does not index the 7 vertices"):
+        seamless(V, [[7, 1, 2]])
