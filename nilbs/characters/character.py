@@ -8,6 +8,7 @@ import numpy as np
 
 from nilbs.characters.report import Report, silent
 from nilbs.geometry.domain import volume_domain
+from nilbs.geometry.facets import seamless
 from nilbs.geometry.interpolation import surface_interpolation, volume_interpolation
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.rig_weights import solve_weights
@@ -154,8 +155,9 @@ def assemble(
 
     Notes
     -----
-    Facets that face against their neighbours are turned, so that the winding number tells inside from outside.
-    Otherwise the surface stays as it is: skinning and occupancy are always those of the given mesh.
+    The surface F is joined across seams: of vertices at one place it uses the first, and V and W keep them all. Facets
+    that face against their neighbours are turned, so that the winding number is above one half inside. Otherwise the
+    surface stays as it is: skinning and occupancy are always those of the given mesh.
 
     Examples
     --------
@@ -251,8 +253,10 @@ def _boundary(V: np.ndarray, E: np.ndarray) -> np.ndarray:
     check_indices("E", E, len(V), "vertices")
     if not len(E):
         raise ValueError("the mesh has no triangle")
+    E = seamless(V, E)
+    distinct = (np.diff(np.sort(E, axis=1), axis=1) > 0).all(axis=1)
     if V.shape[1] == 3:
-        return E
+        return E[distinct] if distinct.any() else E
     # Of triangles over the same vertices one counts.
     E = E[np.sort(np.unique(np.sort(E, axis=1), axis=0, return_index=True)[1])]
     area = element_volumes(V, E)

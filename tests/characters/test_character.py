@@ -159,6 +159,30 @@ def test_an_open_surface_is_solved_in_a_wrap_and_that_is_said() -> None:
     assert c.W[right, 1].mean() > 0.6
 
 
+@DIMENSIONS
+def test_a_surface_cut_along_seams_is_joined_and_keeps_its_vertices(d: int, rng: np.random.Generator) -> None:
+    """Every triangle with three vertices of its own, some turned: the surface is that of the whole mesh."""
+    V, E, bones = shape(d)
+    whole = assemble(V, E, bones, across(V))
+    split = assemble(V[E].reshape(-1, d), np.arange(E.size).reshape(E.shape), bones, across(V[E].reshape(-1, d)))
+    assert len(split.V) == len(split.W) == E.size
+    assert is_watertight(split.F)
+    assert enclosed_volume(split.V, split.F) == pytest.approx(enclosed_volume(whole.V, whole.F))
+    x = rng.uniform(-0.5, 1.5, (200, d))
+    np.testing.assert_array_equal(occupancy(split.V, split.F, x), occupancy(whole.V, whole.F, x))
+
+
+def test_facets_of_different_charts_are_turned_alike() -> None:
+    V, F, bones = shape(3)
+    corners = V[F].reshape(-1, 3)
+    charts = np.arange(F.size).reshape(F.shape)
+    charts[:2] = charts[:2, ::-1]  # against those of the other sides, with which they share no vertex
+    lines: list[str] = []
+    c = assemble(corners, charts, bones, across(corners), report=lines.append)
+    assert lines == ["2 of 12 facets faced against their neighbours and were turned"]
+    assert is_watertight(c.F)
+
+
 def test_facets_that_face_the_wrong_way_are_turned_and_that_is_said() -> None:
     V, F, bones = shape(3)
     turned = F.copy()
