@@ -1,10 +1,15 @@
 import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
-from igl.copyleft import tetgen
 
+from nilbs.geometry.copyleft import tetrahedra
 from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.level_sets import isosurface
@@ -85,9 +90,62 @@ def test_a_surface_that_crosses_itself_is_refused(tmp_path: Path, monkeypatch: p
 
 
 def test_a_surface_in_which_tetgen_finds_nothing_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tetgen, "tetrahedralize", lambda V, F, flags: (V, np.zeros((0, 4), dtype=np.int64)))
+    monkeypatch.setattr(tetrahedra, "_tetgen", lambda V, F, flags: (V, np.zeros((0, 4), dtype=np.int64)))
     with pytest.raises(ValueError, match=r"^TetGen found no volume inside the surface$"):
         conforming_tetrahedra(CUBE, CUBE_F, POINTS)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_crash_is_refused_like_a_bad_surface(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "crash.py"
+    program.write_text("import os; os.abort()")
+    monkeypatch.setattr(tetrahedra, "PROGRAM", program)
+    with pytest.raises(ValueError, match=rf"crashed with code -{signal.SIGABRT.value}"):
+        conforming_tetrahedra(CUBE, CUBE_F, POINTS)
+
+
+def test_an_error_of_python_is_reported_as_such(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "missing.py"
+    program.write_text("import no_such_library")
+    monkeypatch.setattr(tetrahedra, "PROGRAM", program)
+    with pytest.raises(RuntimeError, match="No module named 'no_such_library'"):
+        conforming_tetrahedra(CUBE, CUBE_F, POINTS)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_an_interrupt_ends_both_processes(tmp_path: Path) -> None:
+    program, started = tmp_path / "wait.py", tmp_path / "started"
+    program.write_text(
+        f"import os, pathlib, time; pathlib.Path({str(started)!r}).write_text(str(os.getpid())); time.sleep(60)"
+    )
+    code = (
+        "import pathlib; from nilbs.geometry.copyleft import tetrahedra; "
+        f"tetrahedra.PROGRAM = pathlib.Path({str(program)!r}); tetrahedra._tetgen([[0.0] * 3], [[0] * 3], '')"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
+    while not (started.exists() and started.read_text()):
+        assert parent.poll() is None
+        time.sleep(0.02)
+    parent.send_signal(signal.SIGINT)
+    assert "KeyboardInterrupt" in parent.communicate(timeout=30)[1]
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(started.read_text()), 0)
+
+
+def test_threads_fill_at_once_without_changing_the_process(capfd: pytest.CaptureFixture[str]) -> None:
+    folder = Path.cwd()
+    V, T = conforming_tetrahedra(CUBE, CUBE_F, POINTS)
+    with ThreadPoolExecutor(4) as pool:
+        results = [pool.submit(conforming_tetrahedra, CUBE, CUBE_F, POINTS) for _ in range(4)]
+        seen = set()
+        while not all(result.done() for result in results):
+            seen.add(Path.cwd())
+            time.sleep(0.01)
+    assert seen <= {folder}
+    for result in results:
+        np.testing.assert_array_equal(result.result()[0], V)
+        np.testing.assert_array_equal(result.result()[1], T)
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("spacing", [0.1, 0.06])

@@ -1,15 +1,17 @@
 """Tetrahedra that fill a closed surface and hold the bones, by TetGen (AGPL, inside libigl's copyleft module)."""
 
 import os
+import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import chdir, contextmanager
+from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.geometry.volume import element_volumes
+
+PROGRAM = Path(__file__).with_name("tetgen_process.py")
 
 
 def conforming_tetrahedra(
@@ -58,8 +60,6 @@ def conforming_tetrahedra(
     >>> float((element_volumes(V2, T).sum() * 6).round(9))
     1.0
     """
-    from igl.copyleft import tetgen
-
     V, F, points = arrays(V=(V, "n 3"), F=(F, "m 3", int), points=(points, "s 3"))
     check_indices("F", F, len(V), "vertices")
     # TetGen's tolerances are absolute, so it is given a copy of the size one around the origin; rounded, so that the
@@ -69,34 +69,35 @@ def conforming_tetrahedra(
         raise ValueError("the surface has no extent, so there is nothing to fill with tetrahedra")
     center = (V.min(axis=0) + V.max(axis=0)) / 2
     given = np.round((np.concatenate([V, points]) - center) / size, 9)
-    try:
-        # Where TetGen gives up it leaves files in the working folder and writes past Python to the terminal.
-        with TemporaryDirectory() as folder, chdir(folder), _silence():
-            V_volume, T = tetgen.tetrahedralize(given, F, flags=f"pq{quality:.4g}a{spacing**3 / 72**0.5:.6g}YQ")[:2]
-    except RuntimeError as error:
-        raise ValueError(
-            f"TetGen could not fill the surface with tetrahedra ({error}): it must be closed and must not cross itself"
-        ) from None
+    V_volume, T = _tetgen(given, F, f"pq{quality:.4g}a{spacing**3 / 72**0.5:.6g}YQ")
     if not len(T):
         raise ValueError("TetGen found no volume inside the surface")
     V_volume = V_volume * size + center
     V_volume[: len(V)] = V
-    T = T.astype(np.int64)
     T = np.where((element_volumes(V_volume, T) < 0)[:, None], T[:, [0, 2, 1, 3]], T)
     return V_volume, T
 
 
-@contextmanager
-def _silence() -> Iterator[None]:
-    sys.stdout.flush()
-    kept = [os.dup(stream) for stream in (1, 2)]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        for stream in (1, 2):
-            os.dup2(nowhere, stream)
-        yield
-    finally:
-        for stream, copy in zip((1, 2), kept, strict=True):
-            os.dup2(copy, stream)
-            os.close(copy)
-        os.close(nowhere)
+def _tetgen(V: np.ndarray, F: np.ndarray, flags: str) -> tuple[np.ndarray, np.ndarray]:
+    """Run TetGen in a child process: where it gives up it leaves files and prints, and it may crash."""
+    with TemporaryDirectory() as folder:
+        np.savez(Path(folder, "surface.npz"), V=V, F=F, flags=flags)
+        done = subprocess.run(
+            [sys.executable, "-P", str(PROGRAM)],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
+        if done.returncode == 1:  # an error of Python, such as a library that is missing
+            raise RuntimeError(f"TetGen could not be run: {done.stderr.decode(errors='replace').strip()[-300:]}")
+        problem = f"it crashed with code {done.returncode}"
+        if done.returncode == 0:
+            with np.load(Path(folder, "volume.npz")) as volume:
+                if "T" in volume:
+                    return volume["V"], volume["T"].astype(np.int64)
+                problem = str(volume["error"])
+    raise ValueError(
+        f"TetGen could not fill the surface with tetrahedra ({problem}): it must be closed and must not cross itself"
+    )
