@@ -1,7 +1,7 @@
 """Bounded biharmonic weights: every bone at once, every row on the simplex."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -286,86 +286,69 @@ def _bone_by_bone(V: np.ndarray, T: np.ndarray, fixed: np.ndarray, W_fixed: np.n
 
 
 def _joint(
-    K: sparse.csc_matrix,
-    mass: np.ndarray,
-    fixed: np.ndarray,
-    W_fixed: np.ndarray,
-    iterations: int,
-    progress: bool,
+    K: sparse.csc_matrix, mass: np.ndarray, fixed: np.ndarray, W_fixed: np.ndarray, iterations: int, progress: bool
 ) -> np.ndarray:
+    """Weights by the alternating direction method of multipliers."""
+    from threadpoolctl import threadpool_limits
     from tqdm import tqdm
 
     n, b = K.shape[0], W_fixed.shape[1]
-    if len(fixed) == n or b == 1:
-        W = np.ones((n, b))
-        W[fixed] = W_fixed
+    W = np.ones((n, b))
+    W[fixed] = W_fixed
+    free = np.setdiff1d(np.arange(n), fixed)
+    if not len(free) or b == 1:
         return W
-    zero = np.zeros((n, b))
-    Z = _simplex(_Quadratic(K, fixed).minimum(zero, W_fixed))
-    Z[fixed] = W_fixed
-    multipliers = zero
-    penalties = list(_penalties(K, mass))
-    with tqdm(total=len(penalties) * iterations, desc="weights", unit="it", disable=not progress, delay=2) as bar:
-        for penalty in penalties:
-            quadratic = _Quadratic((K + sparse.diags(penalty)).tocsc(), fixed)
+    rows = K[free]
+    K, pull, mass = rows[:, free].tocsc(), rows[:, fixed] @ W_fixed, mass[free]
+    stages = [rho * mass for rho in MASS_PENALTIES] + [rho * K.diagonal() for rho in ENERGY_PENALTIES]
+    # Two stages with one penalty share its factors.
+    last = {penalty.tobytes(): stage for stage, penalty in enumerate(stages)}
+    kept: dict[bytes, Callable[[np.ndarray], np.ndarray]] = {}
+    # The factors release the interpreter, so that bones share the cores; threads of the linear algebra below them
+    # would only be in each other's way.
+    with (
+        threadpool_limits(1, "blas"),
+        ThreadPoolExecutor(os.cpu_count()) as pool,
+        tqdm(total=len(stages) * iterations, desc="weights", unit="it", disable=not progress, delay=2) as bar,
+    ):
+        Z = _simplex(_solver(K, pool)(-pull))
+        multipliers = np.zeros_like(Z)
+        for stage, penalty in enumerate(stages):
+            key = penalty.tobytes()
+            solve = kept.pop(key, None) or _solver((K + sparse.diags(penalty)).tocsc(), pool)
+            if last[key] > stage:
+                kept[key] = solve
             column = penalty[:, None]
             Y = multipliers / column
             calm = 0
             for done in range(iterations):
-                W = quadratic.minimum(column * (Y - Z), W_fixed)
                 # Over-relaxation by 1.6, Boyd et al., section 3.4.3.
-                W = 1.6 * W - 0.6 * Z
-                Z, before = _simplex(W + Y), Z
-                Z[fixed] = W_fixed
-                Y += W - Z
+                relaxed = 1.6 * solve(-(column * (Y - Z) + pull)) - 0.6 * Z
+                Z, before = _simplex(relaxed + Y), Z
+                Y += relaxed - Z
                 bar.update()
                 calm = calm + 1 if np.abs(Z - before).max() < CHANGE else 0
                 if calm == CALM:
                     bar.total -= iterations - done - 1
                     break
             multipliers = Y * column
-    return Z
+    W[free] = Z
+    return W
 
 
-def _penalties(K: sparse.csc_matrix, mass: np.ndarray) -> Iterator[np.ndarray]:
-    for rho in MASS_PENALTIES:
-        yield rho * mass
-    for rho in ENERGY_PENALTIES:
-        yield rho * K.diagonal()
+def _solver(K: sparse.csc_matrix, pool: ThreadPoolExecutor) -> Callable[[np.ndarray], np.ndarray]:
+    """The solution X of K X = right, for a positive definite K that is factorised here, as a function of right."""
+    from scipy.sparse.linalg import splu
 
+    # Without pivoting, which a positive definite matrix does not need, this is as sparse as a Cholesky factor.
+    options = {"SymmetricMode": True}
+    factors = splu(K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
 
-class _Quadratic:
-    """Factorised problem min 1/2 tr W'KW + tr W'B with some rows of W given."""
+    def solve(right: np.ndarray) -> np.ndarray:
+        parts = np.array_split(right, -(-right.shape[1] // COLUMNS), axis=1)
+        return np.concatenate(list(pool.map(factors.solve, parts)), axis=1)
 
-    def __init__(self, K: sparse.csc_matrix, fixed: np.ndarray) -> None:
-        from scipy.sparse.linalg import splu
-        from threadpoolctl import threadpool_limits
-
-        self.limits = threadpool_limits
-        self.fixed, self.free = fixed, np.setdiff1d(np.arange(K.shape[0]), fixed)
-        rows = K[self.free]
-        self.to_fixed = rows[:, fixed]
-        # Without pivoting, which a positive definite matrix does not need, this is as sparse as a Cholesky factor.
-        self.factors = splu(
-            rows[:, self.free].tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-
-    def minimum(self, B: np.ndarray, W_fixed: np.ndarray) -> np.ndarray:
-        right = -(B[self.free] + self.to_fixed @ W_fixed)
-        W = np.empty((len(self.free) + len(self.fixed), B.shape[1]))
-        W[self.fixed] = W_fixed
-        # The factors release the interpreter, so that bones share the cores; threads of the linear algebra below them
-        # would only be in each other's way.
-        with self.limits(1, "blas"), ThreadPoolExecutor(os.cpu_count()) as pool:
-            parts = np.array_split(np.arange(B.shape[1]), -(-B.shape[1] // COLUMNS))
-            for part, solved in zip(
-                parts, pool.map(lambda part: self.factors.solve(right[:, part]), parts), strict=True
-            ):
-                W[np.ix_(self.free, part)] = solved
-        return W
+    return solve
 
 
 def _nearest_rows(V: np.ndarray, used: np.ndarray, W_used: np.ndarray) -> np.ndarray:
