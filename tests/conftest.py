@@ -1,4 +1,4 @@
-"""What every test may ask for: a seeded generator, small characters and models, and shared data where there is any."""
+"""Fixtures that all tests share: a seeded generator, small characters and models, and real data where there is any."""
 
 import os
 from collections.abc import Callable
@@ -20,6 +20,15 @@ collect_ignore = ["io/blender_characters.py"]
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(7)
+
+
+@pytest.fixture
+def coarse_volumes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Weights are solved in volumes of few elements, in a moment."""
+    monkeypatch.setattr("nilbs.geometry.domain.SPACING", 0.06)
+    monkeypatch.setattr("nilbs.geometry.domain.ELEMENTS", 6000)
+    monkeypatch.setattr("nilbs.geometry.domain.RESOLUTIONS", (48,))
+    monkeypatch.setattr("nilbs.geometry.domain.DECIMATED", 3000)
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ class Case:
         Its mesh: a surface in space, triangles that fill the figure in the plane.
     skeleton : Skeleton
     solid : Mesh or None
-        The same body intact, by which places are inside; None where the mesh itself tells, or nothing is inside.
+        The same body intact, by which places are inside; None where the mesh itself is closed, or nothing is inside.
     """
 
     V: np.ndarray
@@ -43,8 +43,6 @@ class Kind:
         What must come of it.
     error : str
         A pattern that the error's message matches.
-    slow : bool
-        Takes more than a few seconds.
     """
 
     name: str
@@ -52,7 +50,6 @@ class Kind:
     is_broken: Callable[[Case], bool]
     outcome: str
     error: str
-    slow: bool
 
     def case(self, seed: int = 0) -> Case:
         return self.make(np.random.default_rng([seed, *self.name.encode()]))
@@ -62,14 +59,14 @@ KINDS: dict[str, Kind] = {}
 
 
 def kind(
-    is_broken: Callable[[Case], bool], *, outcome: str = "weights", error: str = "", slow: bool = False, name: str = ""
+    is_broken: Callable[[Case], bool], *, outcome: str = "weights", error: str = "", name: str = ""
 ) -> Callable[[Callable[[np.random.Generator], Case]], Callable[[np.random.Generator], Case]]:
     """Enter a function into the list of kinds, under its own name."""
 
     def enter(make: Callable[[np.random.Generator], Case]) -> Callable[[np.random.Generator], Case]:
         called = name or make.__name__
         assert called not in KINDS
-        KINDS[called] = Kind(called, make, is_broken, outcome, error, slow)
+        KINDS[called] = Kind(called, make, is_broken, outcome, error)
         return make
 
     return enter

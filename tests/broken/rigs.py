@@ -186,12 +186,12 @@ def one_point(rng):
     return Case(*worm(), skeleton([[0.5, 0, 0]], [[0, 0]], [-1]))
 
 
-@kind(lambda c: len(c.skeleton.BE) == 200, slow=True)
+@kind(lambda c: len(c.skeleton.BE) == 200)
 def chain_of_200(rng):
     return Case(*worm(rings=129, around=24), spine(200, 0.02, 0.98))
 
 
-@kind(lambda c: len(c.skeleton.BE) == 200 and outside(c) == 0, slow=True)
+@kind(lambda c: len(c.skeleton.BE) == 200 and outside(c) == 0)
 def tree_of_200(rng):
     x = turned(rng.uniform(-1, 1, (4000, 3)), rng)
     C = 0.9 * x[np.linalg.norm(x, axis=1) < 1][:201]

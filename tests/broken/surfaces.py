@@ -345,7 +345,7 @@ def very_long_body(rng):
     return Case(V, F, spine())
 
 
-@kind(lambda c: len(c.F) >= 60_000, slow=True)
+@kind(lambda c: len(c.F) >= 60_000)
 def sixty_thousand_faces(rng):
     return Case(*person(180), person_skeleton())
 

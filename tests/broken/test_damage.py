@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nilbs.characters.character import solve_weights
 from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
+from nilbs.geometry.rig_weights import solve_weights
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.triangles import conforming_triangles
 from nilbs.geometry.weights import bounded_biharmonic_weights
@@ -38,7 +38,7 @@ def difference(W: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 @lru_cache
 def reference(data: Path, name: str, damage: bool) -> tuple[Mesh, Skeleton, np.ndarray]:
-    """A real mesh, damaged or not, its bones and its weights."""
+    """A real mesh, damaged or not, its bones and its weights in a coarse volume."""
     mesh, bones = real(data, name)
     if damage:
         mesh = damaged(mesh, np.random.default_rng(0))
@@ -46,15 +46,14 @@ def reference(data: Path, name: str, damage: bool) -> tuple[Mesh, Skeleton, np.n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("name", ["elephant", "arm"])
-def test_weights_of_a_damaged_mesh(data: Path, name: str, seed: int) -> None:
-    (V, F), bones, clean = reference(data, name, False)
+@pytest.mark.parametrize(("name", "seed"), [("elephant", 0), ("arm", 1)])
+def test_damage_changes_weights_little(data: Path, name: str, seed: int) -> None:
+    (V, F), bones = real(data, name)
     V_damaged, F_damaged = damaged((V, F), np.random.default_rng(seed))
     assert pieces(F_damaged) >= 3
     assert misoriented_edges(F_damaged) > 0.05 * len(F)
     W = solve_weights(V_damaged, F_damaged, bones).W[: len(V)]
-    change = difference(W, clean)
+    change = difference(W, solve_weights(V, F, bones).W)
     assert change.mean() <= 0.05
     assert np.quantile(change, 0.95) <= 0.2
 
@@ -79,24 +78,27 @@ def test_on_one_volume_mesh_neither_unit_nor_place_changes_weights(d: int, scale
     np.testing.assert_allclose(bounded_biharmonic_weights(moved, T, fixed, W_fixed), W, atol=1e-6)
 
 
+@lru_cache
+def whole(d: int) -> tuple[Mesh, Skeleton, np.ndarray]:
+    """A clean body, its bones and its weights."""
+    mesh, bones = (plate(10), plate_spine()) if d == 2 else (person(20), person_skeleton())
+    return mesh, bones, solve_weights(*mesh, bones).W
+
+
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize(("scale", "offset"), PLACES)
 def test_from_end_to_end_neither_unit_nor_place_changes_weights(d: int, scale: float, offset: float) -> None:
-    (V, F), bones = (plate(10), plate_spine()) if d == 2 else (person(20), person_skeleton())
+    (V, F), bones, W = whole(d)
     shift = offset * np.linalg.norm(np.ptp(V, axis=0))
-    W = solve_weights(V, F, bones).W
     moved = solve_weights(scale * (V + shift), F, skeleton(scale * (bones.C + shift), bones.BE, bones.P)).W
     assert difference(moved, W).mean() <= 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.usefixtures("coarse_volumes")
 @pytest.mark.parametrize("damage", [False, True], ids=["clean", "damaged"])
 @pytest.mark.parametrize("name", ["elephant", "arm"])
-@pytest.mark.parametrize(("scale", "offset"), PLACES)
-def test_real_meshes_in_another_unit_and_place(
-    data: Path, name: str, damage: bool, scale: float, offset: float
-) -> None:
+def test_real_meshes_in_another_unit_and_place(data: Path, name: str, damage: bool) -> None:
     (V, F), bones, W = reference(data, name, damage)
-    shift = offset * np.linalg.norm(np.ptp(V, axis=0))
-    moved = solve_weights(scale * (V + shift), F, skeleton(scale * (bones.C + shift), bones.BE, bones.P)).W
+    shift = 1e5 * np.linalg.norm(np.ptp(V, axis=0))
+    moved = solve_weights(1e-4 * (V + shift), F, skeleton(1e-4 * (bones.C + shift), bones.BE, bones.P)).W
     assert difference(moved, W).mean() <= 0.02
