@@ -2,10 +2,14 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := -m pip install --quiet --disable-pip-version-check -c constraints.txt
 # Set UNIT=1 to leave out the tests that train.
 MARKS := $(if $(UNIT),-m "not slow")
+# Blender's Python package is large, so that one environment serves all checkouts.
+BPY := 5.0.1
+BLENDER ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/nilbs/bpy-$(BPY)
 
-.PHONY: help demo test lint format clean
+.PHONY: help demo test lint format study blender wheel clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -13,9 +17,8 @@ help: ## this list
 demo: $(VENV)/.ready ## the gingerbread man from nothing to scores and pictures in out/demo
 	$(BIN)/nilbs demo --out out/demo
 
-test: $(VENV)/.ready-test lint ## lint, types and all tests, with the coverage of the two lower layers
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile $(MARKS) --cov=nilbs --cov-report=
-	$(BIN)/python -m coverage report --include='nilbs/geometry/*,nilbs/io/*' --fail-under=95
+test: lint ## lint, types and all tests; geometry and io must be covered (UNIT=1: without the tests that train)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal --durations 25 $(MARKS) --cov --cov-report=term:skip-covered
 
 lint: $(VENV)/.ready-test ## ruff and mypy
 	$(BIN)/ruff check .
@@ -26,15 +29,29 @@ format: $(VENV)/.ready-test ## put the code in the house's format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+study: $(VENV)/.ready ## train and score every method, in days or with ARGS=--quick in minutes: make study OUT=../study
+	@test -n "$(OUT)" || { echo "name the folder of the results, outside this one: make study OUT=../study"; exit 2; }
+	$(BIN)/python -m benchmarks.study --out $(OUT) $(ARGS)
+
+blender: $(VENV)/.ready-test ## compare with Blender; its package bpy is installed in $XDG_CACHE_HOME/nilbs on first use
+	test -x $(BLENDER)/bin/python || $(PYTHON) -m venv $(BLENDER)
+	$(BLENDER)/bin/python -m pip install --quiet --disable-pip-version-check bpy==$(BPY)
+	$(BLENDER)/bin/python -c "import bpy"
+	OMP_NUM_THREADS=1 NILBS_BPY=$(BLENDER)/bin/python $(BIN)/python -m pytest tests/io/test_blender.py
+
+wheel: $(VENV)/.ready-test ## build the wheel and the sdist in out/dist, and use the wheel in a bare environment
+	rm -rf out/dist out/bare
+	$(BIN)/python -m build --outdir out/dist
+	$(PYTHON) -m venv out/bare
+	out/bare/bin/python $(PIP) out/dist/*.whl
+	cd out && bare/bin/python ../tests/check_wheel.py dist
+
 clean: ## remove the environment and what programs wrote
 	rm -rf $(VENV) out
 
-$(VENV)/.ready: pyproject.toml constraints.txt
+# An environment: %.ready for programs, %.ready-test with what the tests need too.
+$(VENV)/.ready $(VENV)/.ready-test: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "nilbs needs Python 3.11 or newer; name one with PYTHON=..."; exit 1; }
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e .
-	@touch $@
-
-$(VENV)/.ready-test: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[test]'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python $(PIP) -e '.$(if $(findstring test,$@),[test])'
 	@touch $@
