@@ -9,7 +9,7 @@ from nilbs.geometry.distance import closest_points
 SUPERSAMPLING = 3
 LIGHT = np.array([-0.45, 0.6, 0.75])  # right, up, towards the viewer
 HALFWAY = LIGHT / np.linalg.norm(LIGHT) + (0, 0, 1)  # between light and viewer, for the highlight
-AMBIENT, HIGHLIGHT, SHININESS = 0.5, 0.16, 24.0
+AMBIENT, HIGHLIGHT, SHININESS = 0.58, 0.16, 24.0
 REACHES = (0.012, 0.03, 0.06, 0.12)  # of the window's edge: how far occlusion is measured
 
 
