@@ -1,11 +1,17 @@
-"""Skinning weights for a rigged mesh, and one bone bent with them. Needs no training and never loads torch.
+"""
+Skinning weights, and one bone bent
+===================================
+
+This example solves for the weights of a rigged mesh and bends one bone. It needs no training and never loads torch.
+
+Run it as it is, or on your files::
 
     python examples/01_weights_and_bend.py
     python examples/01_weights_and_bend.py --mesh arm.obj --rig arm.tgf --bone bone2 --degrees 60
 
 Expect, after a few seconds (some twenty for a mesh of 10,000 vertices): weights between 0 and 1 whose rows sum to one
-to 1e-9, and a picture, out/01_weights_and_bend.png, where the bone's weight falls off smoothly around its joint on
-the left and the body follows the bent bone on the right.
+within 1e-9, and a picture, ``out/01_weights_and_bend.png``. On the left, the bone's weight falls off smoothly around
+its joint. On the right, the body follows the bent bone.
 """
 
 import argparse
@@ -19,8 +25,7 @@ import nilbs
 from nilbs.figures.canvas import plain, sheet, write_png
 from nilbs.figures.surfaces import draw_body, draw_bones
 from nilbs.figures.views import View
-from nilbs.geometry.kinematics import forward_kinematics
-from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry import forward_kinematics, linear_blend_skinning
 
 HERE = Path(__file__).parent
 
@@ -29,7 +34,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Solve for skinning weights and bend one bone.")
     parser.add_argument("--mesh", type=Path, default=HERE / "assets" / "gingerbread.obj")
     parser.add_argument("--rig", type=Path, default=HERE / "assets" / "gingerbread.tgf")
-    parser.add_argument("--bone", help="name of the bone to bend, such as bone2; the one that moves most by default")
+    parser.add_argument(
+        "--bone", help="name of the bone to bend, such as bone2; by default the one with the largest weights"
+    )
     parser.add_argument("--degrees", type=float, default=30.0)
     parser.add_argument("--out", type=Path, default=HERE.parent / "out")
     args = parser.parse_args()
@@ -66,7 +73,7 @@ def main() -> None:
     poses = ((character.V, np.broadcast_to(np.eye(character.d + 1), B.shape), "rest"), (U, B, "bent"))
     for panel, (vertices, pose, name) in zip(panels[0], poses, strict=True):
         draw_body(panel, view, vertices, character.F, values=W[:, bone], colours=colours)
-        if character.d == 2:  # in the plane the inside can be shown as well
+        if character.d == 2:  # in the plane, show the inside too
             X = linear_blend_skinning(character.V_volume, character.W_volume, pose)
             weight = character.W_volume[:, bone]
             panel.tripcolor(*X.T, character.T, weight, vmin=0, vmax=1, cmap="viridis", shading="gouraud")

@@ -1,12 +1,21 @@
-"""Inside or outside, how far from the surface, and a surface again: geometry on arrays, without a network.
+"""
+Occupancy and distance of a posed body
+======================================
+
+This example computes, without a network, which points are inside a posed body, how far they are from its surface, and a
+surface at a given distance.
+
+Run it as it is, or on your files::
 
     python examples/02_occupancy_and_distance.py
     python examples/02_occupancy_and_distance.py --mesh arm.obj --rig arm.tgf --frame 30
 
-Expect, after some ten seconds: the posed body's volume (2D: area) from points agrees with the exact one to about one
-per cent; distance is negative where the winding number, summed facet by facet, says inside; a picture,
-out/02_occupancy_and_distance.png, of both on a section; and out/02_offset.obj, the surface that keeps a distance of 2 %
-of L from the body.
+Expect, after some ten seconds:
+
+* The body's area (in space: volume), estimated from points, agrees with the exact one to about one per cent.
+* Distance is negative where the exact winding number is above one half.
+* ``out/02_occupancy_and_distance.png`` shows both on a section.
+* ``out/02_offset.obj`` is the surface at a distance of 2 % of L from the body.
 """
 
 import argparse
@@ -18,13 +27,16 @@ from matplotlib.collections import LineCollection
 import nilbs
 from nilbs.figures.canvas import INK, plain, sheet, write_png
 from nilbs.figures.views import Section, View
-from nilbs.geometry.diagnosis import enclosed_volume
-from nilbs.geometry.distance import signed_distance
-from nilbs.geometry.grids import Grid
-from nilbs.geometry.level_sets import isosurface
+from nilbs.geometry import (
+    Grid,
+    enclosed_volume,
+    isosurface,
+    linear_blend_skinning,
+    occupancy,
+    signed_distance,
+    winding_number,
+)
 from nilbs.geometry.sampling import uniform_samples
-from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.geometry.winding import occupancy, winding_number
 from nilbs.io.mesh import write_mesh
 
 HERE = Path(__file__).parent
@@ -49,22 +61,22 @@ def main() -> None:
     pose = motion[args.frame]
     U, F = linear_blend_skinning(character.V, character.W, pose), character.F
 
-    # 2. Occupancy of points. A body that overlaps itself is inside where it does, and counted once.
+    # 2. Occupancy of points. An overlap of the body with itself is inside, and counts once.
     grid = Grid.cube(U, 1)
     x = uniform_samples(grid.lower, grid.upper, args.points, rng=np.random.default_rng(0))
     inside = occupancy(U, F, x)
     share = inside.mean() * float(np.prod(grid.upper - grid.lower))
-    kind, enclosed = "area" if character.d == 2 else "volume", enclosed_volume(U, F)  # where it overlaps, twice
+    kind, enclosed = "area" if character.d == 2 else "volume", enclosed_volume(U, F)  # counts an overlap twice
     print(f"{kind} from {len(x)} points {share:.5f}, enclosed {enclosed:.5f}")
 
-    # 3. Signed distance, in mesh units. Its sign agrees with the winding number, here by the slow sum over all facets.
+    # 3. Signed distance, in mesh units. Compare its sign with the exact winding number, a slow sum over all facets.
     distance = signed_distance(U, F, x)
     some = slice(None, None, 20)
     exact = np.abs(winding_number(U, F, x[some], exact=True)) > 0.5
     agree = ((distance[some] < 0) == exact).sum()
-    print(f"distance {distance.min():.4f} to {distance.max():.4f}, its sign right at {agree} of {len(exact)} points")
+    print(f"distance {distance.min():.4f} to {distance.max():.4f}, correct sign at {agree} of {len(exact)} points")
 
-    # 4. A surface of points at one distance, with L the longest edge of the rest mesh's bounding box.
+    # 4. The surface at one distance. L is the longest edge of the rest mesh's box.
     grid = Grid.box(U, args.resolution, pad=0.1)
     values = np.empty(grid.size)
     for part, nodes in grid.chunks(100_000):

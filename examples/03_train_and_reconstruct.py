@@ -1,11 +1,21 @@
-"""Train a field on a rigged mesh in motion, and extract the posed surface from it.
+"""
+Train a field, and extract a posed surface
+==========================================
+
+Run it as it is, or on your files::
 
     python examples/03_train_and_reconstruct.py
     python examples/03_train_and_reconstruct.py --mesh arm.obj --rig arm.tgf --steps 4000
 
-Expect, within a minute: a loss that falls by more than half; out/03_model.nilbs, which `nilbs evaluate` takes;
-out/03_posed.obj, the body in a pose between two training frames; and two pictures. So few steps are enough for the
-root search, which needs little of the network; what the network alone does, `nilbs evaluate --rows inverse` tells.
+Expect, within a minute:
+
+* The loss falls by more than half.
+* ``out/03_model.nilbs`` is the model; ``nilbs evaluate`` scores it.
+* ``out/03_posed.obj`` is the body in a pose between two training frames.
+* Two pictures show the training, and true and reconstructed surfaces.
+
+So few steps are enough for the root search, which depends little on the network. ``nilbs evaluate --rows inverse``
+scores the network alone.
 """
 
 import argparse
@@ -13,7 +23,7 @@ from pathlib import Path
 
 import nilbs
 from nilbs.figures import reconstruction_figure, training_figure
-from nilbs.geometry.kinematics import interpolate_poses
+from nilbs.geometry import interpolate_poses
 from nilbs.io.mesh import write_mesh
 
 HERE = Path(__file__).parent
@@ -31,17 +41,17 @@ def main() -> None:
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
 
-    # 1. A character and a motion: smooth, random, every joint turned by 0.4 radians rms.
+    # 1. A character, and a smooth random motion that turns every joint by 0.4 radians (rms).
     character = nilbs.load_character(args.mesh, args.rig, progress=True)
     motion = nilbs.random_motion(character, frames=args.frames, seed=args.seed)
 
-    # 2. Train, and keep the model: one file that holds all it needs.
+    # 2. Train. The model is one self-contained file.
     model = nilbs.fit(character, motion, steps=args.steps, seed=args.seed, progress=True)
     model.save(args.out / "03_model.nilbs")
     print(f"loss {model.history[0]:.4f} at the first step, {model.history[-1]:.4f} at the last")
     print(training_figure(model, args.out / "03_training.png"))
 
-    # 3. Ask for a surface in a pose that the training never saw: half-way between two of its frames.
+    # 3. Extract the surface in a new pose, half-way between two training frames.
     k = len(motion) // 2
     between = interpolate_poses(
         character.skeleton.C, character.skeleton.BE, character.skeleton.P, motion[k - 1], motion[k], 0.5

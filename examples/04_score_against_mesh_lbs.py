@@ -1,11 +1,15 @@
-"""Score a trained field against the mesh that ordinary linear blend skinning poses.
+"""
+Score a field against the skinned mesh
+======================================
+
+Run it as it is, or on your files::
 
     python examples/04_score_against_mesh_lbs.py
     python examples/04_score_against_mesh_lbs.py --mesh arm.obj --rig arm.tgf --steps 4000
 
-Expect, within a minute: a table of the four sets of poses (training frames, between them, random, far) with, beside
-the field, the row "floor", the true surface put on the same grid: no method can do better there. Few points, few steps
-and a coarse grid keep this short; the scores of a full training are those of `nilbs train` and `nilbs evaluate`.
+Expect, within a minute: a table of four sets of poses (training frames, between them, random, far). Beside the field
+it has the row ``floor``, the true surface on the same grid: no method can score better there. Few points, few steps and
+a coarse grid keep this short. For full scores use ``nilbs train`` and ``nilbs evaluate``.
 """
 
 import argparse
@@ -21,7 +25,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Train briefly and score the field.")
     parser.add_argument("--mesh", type=Path, default=HERE / "assets" / "gingerbread.obj")
     parser.add_argument("--rig", type=Path, default=HERE / "assets" / "gingerbread.tgf")
-    parser.add_argument("--model", type=Path, help="score this model file; nothing is trained then")
+    parser.add_argument("--model", type=Path, help="score this model file instead of training one")
     parser.add_argument("--frames", type=int, default=100)
     parser.add_argument("--steps", type=int, default=800)
     parser.add_argument("--points", type=int, default=10_000, help="points a frame")

@@ -1,11 +1,17 @@
-"""Pose a character so that it clears an obstacle, by gradient descent on its joint angles.
+"""
+Pose a character so that it clears an obstacle
+==============================================
+
+The obstacle is a ball around the tip of a bone. The distance of a field is differentiable by the pose, so gradient
+descent on the joint angles moves the body until no point of the ball is inside.
+
+Run it as it is, or on your files::
 
     python examples/05_clear_an_obstacle.py
     python examples/05_clear_an_obstacle.py --mesh arm.obj --rig arm.tgf
 
-The obstacle is a ball around the tip of a bone. The distance that a field reads is differentiable by the pose, so the
-angles go downhill until no point of the ball lies in the body. Expect, within a minute: a share of the ball inside the
-body that falls to zero, as the posed mesh itself confirms, and out/05_clear_an_obstacle.png.
+Expect, within a minute: the share of the ball inside the body falls to zero, also by the posed mesh, and a picture,
+``out/05_clear_an_obstacle.png``.
 """
 
 import argparse
@@ -19,7 +25,7 @@ from nilbs.fields.kinematics import forward_kinematics
 from nilbs.figures.canvas import plain, sheet, write_png
 from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import View
-from nilbs.geometry.winding import occupancy
+from nilbs.geometry import occupancy
 
 HERE = Path(__file__).parent
 MARGIN = 0.01  # of L, between body and obstacle
@@ -29,7 +35,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Pose a character so that it clears an obstacle.")
     parser.add_argument("--mesh", type=Path, default=HERE / "assets" / "gingerbread.obj")
     parser.add_argument("--rig", type=Path, default=HERE / "assets" / "gingerbread.tgf")
-    parser.add_argument("--bone", help="whose tip the obstacle is around; by default the one farthest out")
+    parser.add_argument("--bone", help="bone with the obstacle around its tip; by default the farthest from the middle")
     parser.add_argument("--radius", type=float, default=0.06, help="of the obstacle, as a share of the body's size")
     parser.add_argument("--frames", type=int, default=50)
     parser.add_argument("--steps", type=int, default=300, help="of the training")
@@ -38,7 +44,7 @@ def main() -> None:
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
 
-    # 1. A character and a field of it. The root search needs little of the network, so the training is short.
+    # 1. A character and its field. The root search depends little on the network, so the training is short.
     character = nilbs.load_character(args.mesh, args.rig, progress=True)
     motion = nilbs.random_motion(character, frames=args.frames, seed=args.seed)
     model = nilbs.fit(character, motion, steps=args.steps, seed=args.seed, progress=True)
@@ -57,7 +63,7 @@ def main() -> None:
     ball *= args.radius * L * rng.uniform(0, 1, (len(ball), 1)) ** (1 / d) / np.linalg.norm(ball, axis=1, keepdims=True)
     ball += tips[bone]
 
-    # 3. Downhill: how deep the ball lies in the body, and a little for every angle.
+    # 3. Gradient descent on the depth of the ball in the body, with a small penalty on every angle.
     x, C = torch.as_tensor(ball, dtype=torch.float32), torch.as_tensor(character.skeleton.C, dtype=torch.float32)
     theta = torch.zeros((len(character.skeleton.BE), 1 if d == 2 else 3), requires_grad=True)
     optimizer = torch.optim.Adam([theta], lr=0.03)
@@ -72,7 +78,7 @@ def main() -> None:
         (100 * depth.mean() + 1e-3 * (theta**2).sum()).backward()
         optimizer.step()
 
-    # 4. What the posed mesh says.
+    # 4. Check with the posed mesh.
     before, after = (
         V,
         character.skin(

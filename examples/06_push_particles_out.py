@@ -1,10 +1,16 @@
-"""A moving body pushes particles out of its way, along the gradient of its distance.
+"""
+A moving body pushes particles out of its way
+=============================================
+
+Each particle inside the body moves along the gradient of the distance until it is outside.
+
+Run it as it is, or on your files::
 
     python examples/06_push_particles_out.py
     python examples/06_push_particles_out.py --mesh arm.obj --rig arm.tgf
 
-Expect, within a minute: thousands of particles, each moved by the body and by nothing else; after every frame none of
-them is inside by the field, and hardly one in a thousand by the posed mesh itself; and out/06_push_particles_out.png.
+Expect, within a minute: after every frame no particle is inside by the field, and hardly one in a thousand by the posed
+mesh; and a picture, ``out/06_push_particles_out.png``.
 """
 
 import argparse
@@ -17,15 +23,15 @@ import nilbs
 from nilbs.figures.canvas import evenly_spaced, plain, sheet, write_png
 from nilbs.figures.surfaces import draw_body
 from nilbs.figures.views import View
-from nilbs.geometry.winding import occupancy
+from nilbs.geometry import occupancy
 
 HERE = Path(__file__).parent
-MARGIN = 0.004  # of L, that a particle keeps from the skin
-ROUNDS = 40  # pushes in a frame, at most
+MARGIN = 0.004  # of L, between particles and surface
+ROUNDS = 40  # the most pushes in a frame
 
 
 def pushed_out(model: nilbs.Model, x: torch.Tensor, B: torch.Tensor, rng: np.random.Generator) -> torch.Tensor:
-    """Particles (n, d) after the body in pose B has pushed those inside it over its skin."""
+    """Particles (n, d) after the body in pose B has pushed out those inside."""
     L = model.character.L
     for done in range(ROUNDS):
         x = x.detach().requires_grad_()
@@ -34,9 +40,9 @@ def pushed_out(model: nilbs.Model, x: torch.Tensor, B: torch.Tensor, rng: np.ran
         if not near.any():
             break
         (slope,) = torch.autograd.grad(distance.sum(), x)
-        # The distance is that at rest, so its slope tells how far it is to the skin after stretching.
+        # The distance is that at rest; divided by its slope it is the posed one, after stretching.
         step = (MARGIN * L - distance)[:, None] * slope / (slope**2).sum(dim=-1, keepdim=True).clamp_min(0.1)
-        # Between two limbs that overlap, each pushes into the other: ever longer steps of chance lengths lead out.
+        # Two limbs that overlap push into each other: longer and longer steps of random length lead out.
         step = step * torch.as_tensor(1 + 0.2 * done * rng.uniform(size=(len(x), 1)))
         x = torch.where(near[:, None], x + step, x)
     return x.detach()
@@ -54,12 +60,12 @@ def main() -> None:
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
 
-    # 1. A character, a motion and a field of it.
+    # 1. A character, a motion and a field.
     character = nilbs.load_character(args.mesh, args.rig, progress=True)
     motion = nilbs.random_motion(character, frames=args.frames, seed=args.seed)
     model = nilbs.fit(character, motion, steps=args.steps, seed=args.seed, progress=True)
 
-    # 2. Particles all around, and the body moving through them.
+    # 2. Particles everywhere, and the body moving through them.
     rng = np.random.default_rng(args.seed)
     poses = [character.skin(motion[k]) for k in range(len(motion))]
     lower, upper = (np.array([bound(U, axis=0) for U in poses]) for bound in (np.min, np.max))
