@@ -1,4 +1,4 @@
-"""`nilbs <command>`: which commands there are, and how a user's mistake ends."""
+"""`nilbs <command>`: the list of commands, and how a user's mistake ends."""
 
 import argparse
 import errno
@@ -10,19 +10,18 @@ from importlib import import_module
 
 import nilbs
 
-# A command's file is imported only when the command is called, and imports what is heavy only when it runs; so every
-# --help is instant.
+# A command's file is imported when the command is called, and imports heavy libraries when it runs: --help is instant.
 COMMANDS = {
-    "demo": "a gingerbread man from nothing to scores and pictures",
-    "info": "what a mesh, rig, motion, weights or model file holds, and what is wrong with it",
-    "convert": "bring meshes, rigs, weights and motions from one format to another",
+    "demo": "train and score a field of a gingerbread man, and draw pictures",
+    "info": "report what a mesh, rig, motion, weights or model file holds, and its problems",
+    "convert": "convert meshes, rigs, weights and motions to other formats",
     "weights": "solve for bounded biharmonic skinning weights",
-    "train": "fit a field to a rigged mesh and a motion",
-    "query": "occupancy or signed distance of points in a pose",
-    "extract": "the posed surface, as a mesh",
-    "evaluate": "score a model against ordinary skinning",
+    "train": "train a field on a rigged mesh and a motion",
+    "query": "evaluate occupancy or signed distance of points in a pose",
+    "extract": "extract the posed surface as a mesh",
+    "evaluate": "score a model against the skinned mesh",
 }
-# What pip calls a module.
+# Names on the package index that differ from the module's.
 _PACKAGES = {"igl": "libigl", "skimage": "scikit-image"}
 _INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 
@@ -38,8 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     status : int
-        0; 2 after a user's mistake, which is told in one line on standard error; 130 after Ctrl-C; 1 where the reader
-        of the output went away.
+        0; 2 after a user's mistake, with one line on standard error; 130 after Ctrl-C; 1 if standard output was closed.
 
     Raises
     ------
@@ -56,12 +54,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    args = _parser(words).parse_args(words)
+    args = parser_of(words).parse_args(words)
     return exit_status(lambda: args.run(args))
 
 
 def exit_status(run: Callable[[], None]) -> int:
-    """Run a program, and turn how it ends into the status that `main` returns."""
+    """Run a program and return the status of `main`."""
     _open_output()
     try:
         run()
@@ -71,7 +69,7 @@ def exit_status(run: Callable[[], None]) -> int:
         return 1
     except KeyboardInterrupt as interrupt:
         _drop_output()
-        _tell("; ".join(["interrupted", *getattr(interrupt, "__notes__", [])]), prefix="nilbs: ")
+        _print_error("; ".join(["interrupted", *getattr(interrupt, "__notes__", [])]), prefix="nilbs: ")
         return _INTERRUPTED
     except (ValueError, OSError, MemoryError, ImportError, FloatingPointError, RuntimeError) as error:
         if os.environ.get("NILBS_DEBUG") == "1":
@@ -80,13 +78,13 @@ def exit_status(run: Callable[[], None]) -> int:
         if message is None:
             raise
         _drop_output()
-        _tell(message)
+        _print_error(message)
         return 2
     return 0
 
 
-def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser, with the options of the command that is called."""
+def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser of all commands, with the options of the one that is called."""
     parser = argparse.ArgumentParser(
         prog="nilbs",
         description="Neural inverse linear blend skinning: is a posed point inside, and how far from the skin?",
@@ -104,29 +102,29 @@ def _parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def _message(error: Exception) -> str | None:
-    """What to tell the user; None for an error that is ours."""
+    """The line for the user; None for an error of the program itself."""
     if isinstance(error, ModuleNotFoundError) and error.name and not error.name.startswith("nilbs"):
         package = error.name.partition(".")[0]
         return f"the package {package} is not installed: pip install {_PACKAGES.get(package, package)}"
-    if isinstance(error, FileExistsError) and error.strerror == os.strerror(errno.EEXIST):  # of a folder to be made
-        return f"{os.fsdecode(error.filename)}: this is a file, where a folder is wanted"
+    if isinstance(error, FileExistsError) and error.strerror == os.strerror(errno.EEXIST):  # from making a folder
+        return f"{os.fsdecode(error.filename)}: this is a file, expected a folder"
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{os.fsdecode(error.filename)}: {error.strerror}"
     if isinstance(error, MemoryError):
         return f"not enough memory{f': {error}' if str(error) else ''}"
-    if isinstance(error, RuntimeError):  # torch has no type of its own for this on every device
+    if isinstance(error, RuntimeError):  # torch has no error type for this on every device
         return f"not enough memory: {error}" if "memory" in str(error).lower() else None
     return None if isinstance(error, ImportError) else str(error) or type(error).__name__
 
 
-def _tell(message: str, prefix: str = "nilbs: error: ") -> None:
-    with suppress(OSError):  # nobody is left to be told
+def _print_error(message: str, prefix: str = "nilbs: error: ") -> None:
+    with suppress(OSError):  # standard error is closed
         sys.stderr.write(prefix + " ".join(message.split()) + "\n")
         sys.stderr.flush()
 
 
 def _open_output() -> None:
-    """Let both outputs take whatever is written: one that is closed, and letters that the terminal's code lacks."""
+    """Make both outputs usable: if one is closed, and for letters that the terminal's encoding lacks."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -136,10 +134,7 @@ def _open_output() -> None:
 
 
 def _drop_output() -> None:
-    """Write out what standard output still holds, or let it go where it cannot be written.
-
-    Otherwise the interpreter would try again when it ends, and complain.
-    """
+    """Flush standard output, or discard it if it cannot be written; else the interpreter would fail when it ends."""
     try:
         sys.stdout.flush()
     except OSError:

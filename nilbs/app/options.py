@@ -1,4 +1,4 @@
-"""Options that several commands share, and the kinds of values they take."""
+"""Options of several commands, and the types of their values."""
 
 import argparse
 from collections.abc import Callable
@@ -13,7 +13,9 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def add_seed(parser: argparse.ArgumentParser) -> None:
     """Add --seed."""
-    parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="seed of all that is random (default 0)")
+    parser.add_argument(
+        "--seed", type=whole(0), default=0, metavar="N", help="seed of the random number generator (default 0)"
+    )
 
 
 def add_character(parser: argparse.ArgumentParser) -> None:
@@ -25,23 +27,23 @@ def add_character(parser: argparse.ArgumentParser) -> None:
         "too: .glb, .gltf, .fbx, .npz of the SMPL family",
     )
     parser.add_argument(
-        "rig", metavar="RIG", nargs="?", help="its joints and bones, where MESH has none: .tgf, .txt, .mhskel, .bvh"
+        "rig", metavar="RIG", nargs="?", help="its joints and bones, if MESH has none: .tgf, .txt, .mhskel, .bvh"
     )
     add_group(parser)
 
 
 def add_group(parser: argparse.ArgumentParser) -> None:
     """Add --group."""
-    parser.add_argument("--group", metavar="NAME", help="the group or object of the mesh to take; all by default")
+    parser.add_argument("--group", metavar="NAME", help="use one group or object of the mesh; all by default")
 
 
 def add_solve(parser: argparse.ArgumentParser) -> None:
     """Add --solve."""
-    parser.add_argument("--solve", action="store_true", help="solve for weights even where the rig's file has some")
+    parser.add_argument("--solve", action="store_true", help="solve for weights even if the rig's file has some")
 
 
 def add_motion(parser: argparse.ArgumentParser, otherwise: str) -> None:
-    """Add --motion, --map and --clip; `otherwise` says what moves without --motion."""
+    """Add --motion, --map and --clip; `otherwise` is the motion without --motion."""
     parser.add_argument(
         "--motion",
         metavar="FILE",
@@ -51,28 +53,32 @@ def add_motion(parser: argparse.ArgumentParser, otherwise: str) -> None:
 
 
 def add_mapping(parser: argparse.ArgumentParser) -> None:
-    """Add --map and --clip, which say what of a motion's file moves which bone."""
-    parser.add_argument("--map", metavar="FILE", help="which bone of the motion moves which of the rig, .json")
+    """Add --map and --clip: which clip of a motion's file, and which of its bones moves which bone of the rig."""
     parser.add_argument(
-        "--clip", metavar="NAME", help="which of the motions in a file that holds several; the first by default"
+        "--map",
+        metavar="FILE",
+        help="bone map, .json: the bone of the motion that each bone of the rig follows",
+    )
+    parser.add_argument(
+        "--clip", metavar="NAME", help="the motion to use, if the file holds several; the first by default"
     )
 
 
 def add_pose(parser: argparse.ArgumentParser) -> None:
-    """Add --motion with --frame or --time, which name a pose of a model."""
+    """Add --motion with --frame or --time: a pose of a model."""
     add_motion(parser, "the motion that the model was trained on")
     when = parser.add_mutually_exclusive_group(required=True)
     when.add_argument(
         "--frame",
         type=whole(0),
         metavar="K",
-        help="number of the frame, from 0: of the training frames, or of all in --motion",
+        help="number of the frame, from 0: of the training frames, or of --motion",
     )
     when.add_argument(
         "--time",
         type=not_negative,
         metavar="SECONDS",
-        help="time in that motion; between two frames it is interpolated",
+        help="time in that motion; poses between two frames are interpolated",
     )
 
 

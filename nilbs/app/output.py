@@ -1,4 +1,4 @@
-"""What a command says on standard output: one JSON object, or a table for people."""
+"""A command's results on standard output: one JSON object, or a table."""
 
 import json
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ def show(values: Mapping[str, Any], *, as_json: bool, table: str | None = None) 
     as_json : bool
         Print one JSON object.
     table : str, optional
-        What to print otherwise; a row for each value by default.
+        The text to print without `as_json`; by default a row for each value.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def show(values: Mapping[str, Any], *, as_json: bool, table: str | None = None) 
 
 
 def rows(values: Mapping[str, Any], indent: str = "") -> str:
-    """A line for each value, aligned; lists inside one line, mappings one level deeper.
+    """Values as aligned lines: a list in one line, a mapping one level deeper.
 
     Examples
     --------
