@@ -9,7 +9,7 @@ MARKS := $(if $(UNIT),-m "not slow")
 BPY := 5.0.1
 BLENDER ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/nilbs/bpy-$(BPY)
 
-.PHONY: help demo test lint format study blender wheel clean
+.PHONY: help demo test lint docs format study blender wheel clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -24,6 +24,10 @@ lint: $(VENV)/.ready-test ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(VENV)/.ready-docs ## the documentation in out/docs; a warning is an error
+	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -W --keep-going -q docs out/docs
+	@echo out/docs/index.html
 
 format: $(VENV)/.ready-test ## put the code in the house's format
 	$(BIN)/ruff check --fix .
@@ -49,9 +53,9 @@ wheel: $(VENV)/.ready-test ## build the wheel and the sdist in out/dist, and use
 clean: ## remove the environment and what programs wrote
 	rm -rf $(VENV) out
 
-# An environment: %.ready for programs, %.ready-test with what the tests need too.
-$(VENV)/.ready $(VENV)/.ready-test: pyproject.toml constraints.txt
+# An environment: .ready for programs; .ready-test and .ready-docs with what the tests and the documentation need too.
+$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-docs: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "nilbs needs Python 3.11 or newer; name one with PYTHON=..."; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python $(PIP) -e '.$(if $(findstring test,$@),[test])'
+	$(BIN)/python $(PIP) -e '.$(patsubst .ready-%,[%],$(filter .ready-%,$(notdir $@)))'
 	@touch $@
