@@ -13,36 +13,16 @@ LINE_LIMIT = 2**20  # bytes; longer than any line of a file of text that we read
 _BLOCK = 2**22  # bytes of lines held at a time: the words of a block take some twenty times its size
 
 
-def file_bytes(path: str | os.PathLike) -> bytes:
-    """Return all bytes of a file.
-
-    Raises
-    ------
-    FileFormatError
-        If it is empty, larger than 2 GiB or no regular file.
-    OSError
-        If it cannot be opened or read.
-    """
-    with _opened(path) as (file, size):
+def file_bytes(path: str | os.PathLike, *, limit: int = SIZE_LIMIT) -> bytes:
+    """All bytes of a regular file that is neither empty nor larger than the limit."""
+    with _opened(path, limit) as (file, size):
         return file.read(size)  # not up to the limit: Python would make room for all of that
 
 
 def line_blocks(path: str | os.PathLike) -> Iterator[tuple[int, list[bytes]]]:
-    """Iterate over the lines of a text file, a few megabytes at a time.
+    """The lines of a text file, with their ends, a few megabytes at a time; and the number, from 1, of the first.
 
-    Yields
-    ------
-    first : int
-        The number, from 1, of the first line of the block.
-    lines : list of bytes
-        With their line ends.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is empty, too large, no regular file, or holds a NUL byte or an endless line: then it is no text.
-    OSError
-        If it cannot be opened or read.
+    A NUL byte or an endless line shows that the file is no text: FileFormatError.
     """
     first = 1
     with _opened(path) as (file, _):
@@ -55,15 +35,16 @@ def line_blocks(path: str | os.PathLike) -> Iterator[tuple[int, list[bytes]]]:
 
 
 @contextmanager
-def _opened(path: str | os.PathLike) -> Iterator[tuple[BinaryIO, int]]:
+def _opened(path: str | os.PathLike, limit: int = SIZE_LIMIT) -> Iterator[tuple[BinaryIO, int]]:
     """The file, and its size in bytes."""
-    # Asked before opening: to open a named pipe would wait for ever.
+    # Checked before opening: to open a named pipe would wait for ever.
     if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
         raise FileFormatError(path, "this is not a regular file")
     with open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size
-        if size > SIZE_LIMIT:
-            raise FileFormatError(path, f"the file is larger than {SIZE_LIMIT >> 30} GiB")
+        if size > limit:
+            shown = f"{limit >> 30} GiB" if limit >> 30 else f"{limit >> 20} MiB"
+            raise FileFormatError(path, f"the file is larger than {shown}")
         if size == 0:
             raise FileFormatError(path, "the file is empty")
         yield file, size

@@ -1,4 +1,4 @@
-"""Meshes: OBJ, PLY, OFF and STL files, flat or not."""
+"""Meshes: OBJ, PLY, OFF, STL and 3MF files, flat or not."""
 
 import os
 from collections.abc import Callable
@@ -12,16 +12,14 @@ from nilbs.io.atomic import replacing
 from nilbs.io.bundle import Mesh
 from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.obj import read_obj
-from nilbs.io.off import read_off
 from nilbs.io.ply import read_ply
 from nilbs.io.polygons import MeshFile, check_corners, without_repeats
-from nilbs.io.stl import read_stl
+from nilbs.io.trimesh_meshes import SUFFIXES, read_trimesh, trimesh_bytes
 
 _READERS: dict[str, Callable[[str | os.PathLike], MeshFile]] = {
     ".obj": read_obj,
     ".ply": read_ply,
-    ".off": read_off,
-    ".stl": read_stl,
+    **dict.fromkeys(SUFFIXES, read_trimesh),
 }
 
 
@@ -31,7 +29,7 @@ def read_mesh(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     path : str or path
-        An `.obj`, `.ply`, `.off` or `.stl` file, see `read_mesh_parts`.
+        An `.obj`, `.ply`, `.off`, `.stl` or `.3mf` file, see `read_mesh_parts`.
 
     Returns
     -------
@@ -64,26 +62,10 @@ def read_mesh(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
 def read_mesh_parts(path: str | os.PathLike) -> Mesh:
     r"""Read a mesh with its groups, keeping the number and order of its vertices.
 
-    Parameters
-    ----------
-    path : str or path
-        An `.obj`, `.ply`, `.off` or `.stl` file.
-
-    Returns
-    -------
-    mesh : Mesh
-        Polygons are cut into triangles, in the order of the file, by `cut_polygons`. Corners that repeat the one
-        before them are left out, and so are faces with fewer than three different corners. `groups` are what OBJ and
-        STL name; `notes` tell what was left out, and which polygons cross themselves. Corners of an STL file that are
-        equal are one vertex.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is not such a mesh, with the line at fault where there is one; also if it is flat and a polygon
-        crosses itself.
-    OSError
-        If it cannot be read.
+    Polygons are cut into triangles, in the order of the file, by `cut_polygons`. Corners that repeat the one before
+    them are left out, and so are faces with fewer than three different corners. `groups` are what OBJ, STL and 3MF
+    name; `notes` report what was left out, and which polygons cross themselves. Corners of an STL file that are equal
+    are one vertex. Errors are those of `read_mesh`; a flat polygon that crosses itself is one too.
 
     Examples
     --------
@@ -118,7 +100,7 @@ def read_mesh_parts(path: str | os.PathLike) -> Mesh:
         )
     if flat:
         F = counter_clockwise(V, F)
-    notes = []
+    notes = [*file.notes]
     few = len(faces.counts) - len(np.unique(face))
     if few:
         notes.append(f"{few} of {len(faces.counts)} faces have fewer than three different corners and are left out")
@@ -130,21 +112,22 @@ def read_mesh_parts(path: str | os.PathLike) -> Mesh:
 
 
 def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
-    """Write a mesh as OBJ (text) or PLY (binary), by the suffix, with every digit.
+    """Write a mesh in the format that the suffix names.
 
     Parameters
     ----------
     path : str or path
-        The file, ending in `.obj` or `.ply`.
+        The file: `.obj` (text), `.ply` (binary) and `.3mf` (in millimetres) hold every digit, `.off` 17 digits of the
+        largest coordinate, `.stl` 32-bit numbers of every triangle's corners, without the vertices' order.
     V : (n, d) float array
         Vertices, in the file's units; written with z = 0 where d is 2.
     F : (m, 2) or (m, 3) int array
-        Triangles; or, where d is 2, edges. There may be none.
+        Triangles; or, where d is 2, edges, which `.obj` and `.ply` hold. There may be none.
 
     Raises
     ------
     ValueError
-        If V and F are no such mesh, or the suffix is another.
+        If V and F are no such mesh, or the format cannot hold them, or the suffix is another.
     OSError
         If the file cannot be written.
 
@@ -156,7 +139,7 @@ def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
     >>> read_mesh(path)[1]
     array([[0, 1]])
     """
-    suffix = check_suffix(path, ".obj", ".ply")
+    suffix = check_suffix(path, *_READERS)
     V, F = arrays(V=(V, "n d"), F=(F, "m k", int))
     n, d = V.shape
     if F.shape[1] not in (2, 3) or (d == 3 and F.shape[1] == 2):
@@ -164,8 +147,13 @@ def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
     check_indices("F", F, n, "vertices")
     xyz = np.zeros((n, 3))
     xyz[:, :d] = V
+    if suffix in SUFFIXES and F.shape[1] == 2:
+        raise ValueError(f"{suffix} holds triangles, not the edges of an outline: write .obj or .ply")
+    content = trimesh_bytes(path, xyz, F) if suffix in SUFFIXES else b""
     with replacing(path, "w" if suffix == ".obj" else "wb") as file:
-        if suffix == ".obj":
+        if suffix in SUFFIXES:
+            file.write(content)
+        elif suffix == ".obj":
             file.writelines(f"v {x} {y} {z}\n" for x, y, z in xyz.tolist())
             kind = "f" if F.shape[1] == 3 else "l"
             file.writelines(f"{kind} {' '.join(map(str, row))}\n" for row in (F + 1).tolist())

@@ -48,6 +48,8 @@ class MeshFile:
         The number that the format gives to its first vertex.
     groups : mapping of str to (g,) int array
         Faces by the name of their group or object.
+    notes : tuple of str
+        A sentence on everything that the user should know.
     """
 
     path: str | os.PathLike
@@ -56,6 +58,7 @@ class MeshFile:
     edges: Elements
     first: int
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def no_elements() -> Elements:

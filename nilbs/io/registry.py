@@ -12,14 +12,14 @@ from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.npz import NpzFile
 from nilbs.io.tgf import read_tgf
 
-MESHES = (".obj", ".ply", ".off", ".stl")
+MESHES = (".obj", ".ply", ".off", ".stl", ".3mf")
 RIGS = (".tgf", ".txt", ".mhskel")
 WHOLE = (".glb", ".gltf", ".fbx")  # mesh, skeleton, painted weights and motions in one file
 WEIGHTS = (".dmat", ".npz", ".mhw")
 OWN_MOTIONS = (".dmat", ".json")  # of the character's own bones, which the file does not describe
 MOTIONS = (*OWN_MOTIONS, ".bvh", *WHOLE)
 READABLE = tuple(dict.fromkeys(MESHES + RIGS + WHOLE + WEIGHTS + MOTIONS))
-WRITABLE = (".obj", ".ply", ".glb", ".gltf", ".txt", ".tgf", ".dmat", ".npz", ".bvh")
+WRITABLE = (*MESHES, ".glb", ".gltf", ".txt", ".tgf", ".dmat", ".npz", ".bvh")
 
 _WEIGHTS_TOLERANCE = 0.1  # of the median row's sum from one
 
@@ -79,7 +79,7 @@ def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Bund
     Parameters
     ----------
     path : str or path
-        `.obj`, `.ply`, `.off`, `.stl`: a mesh. `.tgf`: a rig. `.txt`: a rig with weights, as RigNet writes it.
+        `.obj`, `.ply`, `.off`, `.stl`, `.3mf`: a mesh. `.tgf`: a rig. `.txt`: a rig with weights, as RigNet writes it.
         `.mhskel`: a rig of MakeHuman, with the weights beside it that it names. `.bvh`: a skeleton and its motion.
         `.glb`, `.gltf`, and `.fbx` where Blender is installed: everything. `.npz` with `v_template`: a body model of
         the SMPL family.

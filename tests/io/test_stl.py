@@ -76,9 +76,12 @@ def test_text_in_capitals_with_line_ends_of_windows(stl):
     assert stl(text(TETRAHEDRON[SIDES]).upper().replace(b"\n", b"\r\n"))[1].shape == (4, 3)
 
 
-def test_text_in_blocks(stl, monkeypatch):
-    monkeypatch.setattr("nilbs.io.bounded._BLOCK", 30)
-    assert np.array_equal(stl(text(TETRAHEDRON[SIDES]))[1].shape, (4, 3))
+def test_a_solid_may_be_called_vertex_and_need_no_end(tmp_path):
+    path = tmp_path / "a.stl"
+    path.write_bytes(text(TETRAHEDRON[SIDES], "vertex").replace(b"endsolid vertex", b""))
+    mesh = read_mesh_parts(path)
+    assert mesh.E.shape == (4, 3)
+    assert list(mesh.groups) == ["vertex"]
 
 
 def test_bytes_after_a_binary_file(stl):
@@ -92,32 +95,38 @@ def test_triangles_without_three_different_corners_are_left_out(stl):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"hello", "a.stl: this is no STL file: it neither starts with 'solid'"),
-        (b"x" * 100, "a.stl: this is no STL file: it neither starts with 'solid' nor holds 2021161080 triangles"),
+        (b"hello", "this is no STL file: it neither starts with 'solid'"),
+        (b"x" * 100, "this is no STL file: it neither starts with 'solid' nor holds 2021161080 triangles"),
         (binary(TETRAHEDRON[SIDES])[:-1], "this is no STL file: it neither starts with 'solid' nor holds 4 triangles"),
         (binary(TETRAHEDRON[SIDES], count=10**9), "nor holds 1000000000 triangles"),
         (binary([]), "the file holds no vertex"),
         (b"solid a\nendsolid a\n", "the file holds no vertex"),
-        (binary([[[0, 0, 0], [1, 0, np.nan], [0, 1, 0]]]), "triangle 0 has a corner that is not finite"),
-        (b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0\n", "a.stl:4: a corner needs three coordinates, got 2"),
-        (b"solid a\nfacet\nouter loop\nvertex 0 0 inf\n", "a.stl:4: 'inf' is not a finite number"),
-        (b"solid a\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nendloop\n", "a.stl:5: a facet needs three corners"),
-        (b"solid a\nouter loop\n" + b"vertex 0 0 1\n" * 4 + b"endloop\n", "a.stl:7: a facet needs three corners"),
-        (b"solid a\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "a.stl: the file ends within a facet"),
-        (b"solid a\nouter loop\nvortex 0 0 0\n", "a.stl:3: cannot read 'vortex 0 0 0'"),
-        (b"solid a\n\0\n", "a.stl:2: binary data where text was expected"),
+        (binary([[[0, 0, 0], [1, 0, np.nan], [0, 1, 0]]]), "every number must be finite"),
+        (b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0\n", "three corners"),
+        (b"solid a\nfacet\nouter loop\nvertex 0 0 inf\n", "three corners"),
+        (b"solid a\n" + b"vertex 0 inf 0\n" * 3 + b"endloop\n", "every number must be finite"),
+        (b"solid a\n" + b"vertex 0 1_0 0\n" * 3 + b"endloop\n", "trimesh cannot read"),
+        (b"solid a\n" + b"vertex 0 x 0\n" * 3 + b"endloop\n", "trimesh cannot read"),
+        (b"solid a\nvertex 0 0\nvertex 1 1 1 1\nvertex 1 1 1\nendloop\n", "three corners"),
+        (b"solid a\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nendloop\n", "three corners"),
+        (b"solid a\nouter loop\n" + b"vertex 0 0 1\n" * 4 + b"endloop\n", "three corners"),
+        (b"solid a\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "three corners"),
+        (b"solid a\n" + b"outer loop vertex 0 0 0\n" * 3 + b"vertex 0 0 1\n" * 3 + b"endloop\n", "6 corners in 1 facets"),
+        (b"solid a\nouter loop\nvortex 0 0 0\n", "no vertex"),
+        (b"solid a\n\0\n", "binary data where text was expected"),
     ],
 )
 def test_errors(stl, content, message):
     with pytest.raises(FileFormatError) as caught:
         stl(content)
+    assert "a.stl: " in str(caught.value)
     assert message in str(caught.value)
 
 
 def test_a_signalling_nan(stl):
     content = bytearray(binary([[[0, 0, 1], [1, 0, 1], [0, 1, 1]]]))
     content[96:100] = struct.pack("<I", 0x7F800001)
-    with pytest.raises(FileFormatError, match="triangle 0 has a corner"):
+    with pytest.raises(FileFormatError, match="vertex 0"):
         stl(bytes(content))
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from nilbs.io import FileFormatError, read_weights, write_weights
-from nilbs.io import npz as module
+from nilbs.io import zipped as module
 
 
 def npy(header, values=b"", version=b"\1\0"):
@@ -56,7 +56,7 @@ def test_npy_version_two(tmp_path):
         (npy("(" * 9000), "W is not a plain array of numbers"),
         (npy("\x80\xff"), "W is not a plain array of numbers"),
         (b"hello", "W is not a plain array of numbers"),
-        (b"", "W is empty"),
+        (b"", "W.npy is empty"),
     ],
 )
 def test_npz_that_is_not_a_matrix(tmp_path, member, message):
@@ -85,7 +85,7 @@ def test_npz_without_weights(tmp_path):
 def test_an_archive_that_unpacks_to_too_much(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", W=np.zeros((1000, 100)))
     monkeypatch.setattr(module, "SIZE_LIMIT", 2**18)
-    with pytest.raises(FileFormatError, match="W is empty, larger than"):
+    with pytest.raises(FileFormatError, match="W.npy is empty, larger than"):
         read_weights(tmp_path / "a.npz")
 
 
