@@ -23,8 +23,8 @@ def add_character(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "mesh",
         metavar="MESH",
-        help="the rest mesh, .obj, .ply, .off or .stl (flat, z = 0, for two dimensions); or a file that holds its rig "
-        "too: .glb, .gltf, .fbx, .npz of the SMPL family",
+        help="the rest mesh, .obj, .ply, .off, .stl or .3mf (flat, z = 0, for two dimensions); or a file that holds "
+        "its rig too: .glb, .gltf, .fbx, .npz of the SMPL family",
     )
     parser.add_argument(
         "rig", metavar="RIG", nargs="?", help="its joints and bones, if MESH has none: .tgf, .txt, .mhskel, .bvh"

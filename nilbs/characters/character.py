@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 
@@ -11,14 +11,19 @@ from nilbs.geometry.domain import volume_domain
 from nilbs.geometry.facets import seamless
 from nilbs.geometry.interpolation import surface_interpolation, volume_interpolation
 from nilbs.geometry.orientation import coherent_orientation
+from nilbs.geometry.plane import flattened
 from nilbs.geometry.rig_weights import solve_weights
 from nilbs.geometry.simplex import weights_on_simplex
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.surface import Surface
 from nilbs.geometry.validation import arrays as checked
 from nilbs.geometry.validation import check_indices
 from nilbs.geometry.volume import boundary_facets, element_volumes
 from nilbs.geometry.weights import extend_weights
+
+if TYPE_CHECKING:
+    import trimesh
 
 # The arrays that make a character, and those of its skeleton.
 _OWN, _BONES = ("V", "F", "W", "V_volume", "T", "W_volume"), ("C", "BE", "P", "forks")
@@ -114,18 +119,51 @@ class Character:
         """
         return linear_blend_skinning(self.V, self.W, pose)
 
+    def to_trimesh(self, pose: np.ndarray | None = None) -> "trimesh.Trimesh":
+        """The mesh at rest or in a pose, as trimesh has it.
+
+        Parameters
+        ----------
+        pose : (b, d+1, d+1) float array, optional
+            Bone transforms, rest to posed.
+
+        Returns
+        -------
+        mesh : trimesh.Trimesh
+            Its vertices are `V`, or `skin(pose)`, in this order; nothing is merged. In the plane: the triangles `T` of
+            the volume, with z = 0.
+        """
+        V, W, F = (self.V, self.W, self.F) if self.d == 3 else (self.V_volume, self.W_volume, self.T)
+        return Surface(V if pose is None else linear_blend_skinning(V, W, pose), F).to_trimesh()  # type: ignore[return-value]
+
+
+@overload
+def assemble(
+    mesh: "trimesh.Trimesh", skeleton: Skeleton, /, *, W: np.ndarray | None = None,
+    name: str = ..., progress: bool = ..., report: Report | None = ...,
+) -> Character: ...  # fmt: skip
+
+
+@overload
+def assemble(
+    V: np.ndarray, E: np.ndarray, skeleton: Skeleton, W: np.ndarray | None = None, *,
+    name: str = ..., progress: bool = ..., report: Report | None = ...,
+) -> Character: ...  # fmt: skip
+
 
 def assemble(
-    V: np.ndarray,
-    E: np.ndarray,
-    skeleton: Skeleton,
+    V: Any,
+    E: Any,
+    skeleton: Any = None,
     W: np.ndarray | None = None,
     *,
     name: str = "character",
     progress: bool = False,
     report: Report | None = None,
 ) -> Character:
-    """Make a character of arrays; solve for its weights where none are given.
+    """Make a character of arrays, `assemble(V, E, skeleton)`, or of a mesh of trimesh, `assemble(mesh, skeleton)`.
+
+    Weights are solved for where none are given. A mesh whose z are all 0 is a character in the plane.
 
     Parameters
     ----------
@@ -167,8 +205,12 @@ def assemble(
     >>> character = assemble(V, E, skeleton)
     >>> character.L, character.W.shape, len(character.F)
     (2.0, (4, 2), 4)
+    >>> assemble(character.to_trimesh(), skeleton).L
+    2.0
     """
     report = report or silent
+    if hasattr(V, "vertices"):
+        V, E, skeleton, W = flattened(V.vertices), V.faces, E, W if skeleton is None else skeleton
     V, E = checked(V=(V, "n d"), E=(E, "m 3", int))
     skeleton = in_dimension(skeleton, V.shape[1])
     F = _boundary(V, E)

@@ -79,8 +79,8 @@ def load_character(
     Parameters
     ----------
     mesh : path
-        A mesh (`.obj`, `.ply`, `.off`, `.stl`), or a file that holds the rig too (`.glb`, `.gltf`, `.fbx`, `.npz` of
-        the SMPL family). A flat one (z = 0) is a character in the plane.
+        A mesh (`.obj`, `.ply`, `.off`, `.stl`, `.3mf`), or a file that holds the rig too (`.glb`, `.gltf`, `.fbx`,
+        `.npz` of the SMPL family). A flat one (z = 0) is a character in the plane.
     rig : path, optional
         `.tgf`, `.txt` of RigNet, `.mhskel`, or any file that holds a skeleton; the mesh's own file by default.
     weights : path, optional

@@ -114,9 +114,9 @@ def write_files(
     Parameters
     ----------
     paths : sequence of path
-        `.obj`, `.ply`: the mesh. `.glb`, `.gltf`: everything. `.txt`: rig and weights as RigNet writes them. `.tgf`:
-        the rig. `.npz`: weights. `.bvh`: rig and motion. `.dmat`: the motion or the weights, whichever there is; where
-        there are both, the end of the name tells: `-weights.dmat`, `-motion.dmat`.
+        `.obj`, `.ply`, `.off`, `.stl`, `.3mf`: the mesh. `.glb`, `.gltf`: everything. `.txt`: rig and weights as
+        RigNet writes them. `.tgf`: the rig. `.npz`: weights. `.bvh`: rig and motion. `.dmat`: the motion or the
+        weights, whichever there is; where there are both, the end of the name decides: `-weights.dmat`, `-motion.dmat`.
     mesh : Mesh, optional
     skeleton : Skeleton, optional
     W : (n, b) float array, optional
@@ -224,7 +224,8 @@ def _write(path: Path, c: _Character) -> tuple[tuple[str, ...], tuple[str, ...]]
         if c.mesh is None:
             raise ValueError("there is no mesh to write")
         write_mesh(path, c.mesh.V, c.mesh.E)
-        return ("mesh",), ()
+        lost = "an .stl file holds triangles alone: number and order of the vertices, which weights need, are lost"
+        return ("mesh",), (lost,) if suffix == ".stl" else ()
     if suffix in (".glb", ".gltf"):
         return _write_gltf(path, c)
     if suffix == ".txt":

@@ -35,6 +35,7 @@ from .skeleton import skeleton_of_bones as skeleton_of_bones
 from .skeleton import skeleton_of_joints as skeleton_of_joints
 from .skinning import inverse_linear_blend_skinning as inverse_linear_blend_skinning
 from .skinning import linear_blend_skinning as linear_blend_skinning
+from .surface import Surface as Surface
 from .volume import boundary_facets as boundary_facets
 from .volume import element_volumes as element_volumes
 from .weights import bounded_biharmonic_weights as bounded_biharmonic_weights

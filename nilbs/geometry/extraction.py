@@ -7,6 +7,7 @@ from scipy.ndimage import binary_dilation
 
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.level_sets import isosurface
+from nilbs.geometry.surface import Surface
 
 # A block of cells is looked into where the rest distance at one of its corners is below this many block diagonals.
 # Distance changes at most as fast as position at rest; the margin is for stretched skin and for the blend's own slope.
@@ -15,7 +16,7 @@ MARGIN = 1.5
 
 def field_surface(
     values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]], grid: Grid, *, stride: int = 4
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Surface:
     """Surface of a field on a grid, by asking coarsely first.
 
     Parameters
@@ -51,7 +52,7 @@ def field_surface(
     (np.float64(1.0), True)
     """
     levels, _ = node_levels(values, grid, stride=stride)
-    return isosurface(levels, grid)
+    return Surface(*isosurface(levels, grid))
 
 
 def node_levels(

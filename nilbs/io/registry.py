@@ -13,6 +13,7 @@ from nilbs.io.npz import NpzFile
 from nilbs.io.tgf import read_tgf
 
 MESHES = (".obj", ".ply", ".off", ".stl", ".3mf")
+OUTLINES = (".obj", ".ply")  # that can hold the edges of a flat shape
 RIGS = (".tgf", ".txt", ".mhskel")
 WHOLE = (".glb", ".gltf", ".fbx")  # mesh, skeleton, painted weights and motions in one file
 WEIGHTS = (".dmat", ".npz", ".mhw")

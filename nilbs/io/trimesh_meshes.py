@@ -5,6 +5,7 @@ out its edges; it splits the vertices of an OBJ file along texture seams.
 """
 
 import io
+import logging
 import os
 import re
 import warnings
@@ -24,6 +25,7 @@ from nilbs.io.zipped import open_zip, unpacked
 SUFFIXES = (".off", ".stl", ".3mf")
 TEXT_LIMIT = 2**27  # bytes of text: trimesh holds it as Python objects of some twenty times its size
 
+_QUIET = logging.NullHandler()  # trimesh logs what it cannot read; without a handler that goes to standard error
 _OFF = re.compile(r"\s*(?:ST|C|N)*OFF(.*)", re.DOTALL)
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL file
 # Corners, ends of facets, and x for a corner without three words.
@@ -74,8 +76,8 @@ def trimesh_bytes(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> byte
     if suffix == ".stl" and size > np.finfo(np.float32).max:
         raise ValueError(f"{path}: a coordinate of {size:.3g} is too large for .stl")
     # OFF is written with a fixed number of decimals: those that keep 17 digits of the largest coordinate.
-    decimals = {"digits": max(0, 16 - int(np.floor(np.log10(size or 1))))} if suffix == ".off" else {}
-    content = Surface(V, F).to_trimesh().export(file_type=suffix[1:], **decimals)
+    decimals: dict[str, Any] = {"digits": max(0, 16 - int(np.floor(np.log10(size or 1))))} if suffix == ".off" else {}
+    content: Any = Surface(V, F).to_trimesh().export(file_type=suffix[1:], **decimals)
     return content.encode() if isinstance(content, str) else content
 
 
@@ -139,8 +141,8 @@ def _read_stl(path: str | os.PathLike) -> MeshFile:
         raise FileFormatError(path, f"trimesh finds {len(corners)} corners in {count} facets")
     _, first, place = np.unique(corners + 0.0, axis=0, return_index=True, return_inverse=True)  # -0.0 is 0.0
     corner = np.argsort(np.argsort(first))[place.ravel()]
-    faces = Elements(corner, np.full(count, 3), None)
-    return MeshFile(path, corners[np.sort(first)] + 0.0, faces, no_elements(), 0, groups)
+    triangles = Elements(corner, np.full(count, 3), None)
+    return MeshFile(path, corners[np.sort(first)] + 0.0, triangles, no_elements(), 0, groups)
 
 
 def _read_3mf(path: str | os.PathLike) -> MeshFile:
@@ -219,6 +221,7 @@ def _scene(path: str | os.PathLike, data: bytes, kind: str) -> Any:
     """What trimesh makes of the content of a file; it gets no path that it could look beside."""
     import trimesh
 
+    logging.getLogger("trimesh").addHandler(_QUIET)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         warnings.simplefilter("error", DeprecationWarning)  # numpy's, of text that is no number

@@ -7,6 +7,7 @@ from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.surface import Surface
 from nilbs.geometry.winding import occupancy
 
 
@@ -30,7 +31,7 @@ class MeshLbs:
         """Whether points (n, d) are inside: absolute generalized winding number above one half."""
         return occupancy(self.U, self.F, x)
 
-    def extract_on(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    def extract_on(self, grid: Grid) -> Surface:
         """Surface of the mesh's own signed distance on a grid: vertices (k, d) and facets (m', d)."""
 
         def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from nilbs.fields.field import Field
 from nilbs.fields.unit_frame import root_bone
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.geometry.surface import Surface
 from nilbs.methods.settings import Settings
 from nilbs.models.posed_model import PosedModel, answer_in_mesh_units, searching
 from nilbs.models.protocol import RESOLUTION
@@ -249,7 +250,7 @@ class Model:
         """
         return self.posed(pose).posed_points(x_rest)
 
-    def extract(self, pose: np.ndarray, resolution: int = RESOLUTION) -> tuple[np.ndarray, np.ndarray]:
+    def extract(self, pose: np.ndarray, resolution: int = RESOLUTION) -> Surface:
         """Surface of the posed character, where occupancy is one half.
 
         Parameters
@@ -261,10 +262,9 @@ class Model:
 
         Returns
         -------
-        U : (n, d) float array
-            Vertices, in mesh units.
-        F : (m, d) int array
-            Triangles (3D) or edges (2D), oriented outward.
+        surface : Surface
+            Vertices U (n, d), in mesh units, and facets F (m, d), triangles or edges, oriented outward:
+            `U, F = model.extract(pose)`, or `model.extract(pose).to_trimesh()`.
 
         Raises
         ------

@@ -14,6 +14,7 @@ from nilbs.fields.unit_frame import FAR, at_rest, in_unit_frame, rest_center, ro
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import transform_points
+from nilbs.geometry.surface import Surface
 from nilbs.geometry.validation import arrays
 
 # Points that go through a field at once; bounds the memory of a query of any size.
@@ -120,7 +121,7 @@ class PosedModel:
         moved = _joined(found).astype(np.float64) * c.L + rest_center(c)
         return transform_points(self.pose[root_bone(c)], moved)
 
-    def extract_on(self, grid: Grid, *, stride: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    def extract_on(self, grid: Grid, *, stride: int = 4) -> Surface:
         """Surface on a grid, vertices (k, d) and facets (m, d); `stride` 1 asks the field at every node."""
 
         def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:

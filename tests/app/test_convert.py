@@ -108,6 +108,19 @@ def test_a_mesh_alone(body, out, succeeds):
     assert values["notes"] == []
 
 
+@pytest.mark.parametrize("suffix", [".off", ".stl", ".3mf"])
+def test_a_mesh_through_trimesh(body, out, succeeds, suffix):
+    values = succeeds("convert", body / "body.obj", "-o", out / f"x{suffix}")
+    assert bool(values["notes"]) == (suffix == ".stl")
+    V, F = read_mesh(body / "body.obj")
+    U, G = read_mesh(out / f"x{suffix}")
+    assert np.allclose(U[G], V[F], rtol=1e-6, atol=1e-6)
+    assert succeeds("info", out / f"x{suffix}")["files"][0]["facets"] == len(F)
+    if suffix != ".stl":
+        read = read_rigged_mesh(out / f"x{suffix}", body / "body_rig.txt")
+        assert np.abs(read.V - V).max() <= 1e-15
+
+
 def test_a_group_of_a_mesh(out, succeeds, tmp_path):
     lines = ["v 9 9 9", "v 0 0 0", "v 1 0 0", "v 0 1 0", "v 0 0 1", "g rest", "f 1 2 3", "g face", "f 3 4 5"]
     (tmp_path / "a.obj").write_text("\n".join(lines) + "\n")

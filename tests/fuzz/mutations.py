@@ -156,6 +156,23 @@ def npz(data: bytes, rng: Random, mutate: Bytes) -> bytes:
     return packed.getvalue()
 
 
+def threemf(data: bytes, rng: Random, mutate: Bytes) -> bytes:
+    """Change words of the model in a 3MF file."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as packed:
+            members = {name: packed.read(name) for name in packed.namelist()}
+    except Exception:  # whatever is wrong with it: it is only bytes then
+        return mutate(data)
+    if not members or rng.random() < 0.1:
+        return mutate(data)
+    changed = io.BytesIO()
+    with zipfile.ZipFile(changed, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, content in members.items():
+            text = content.replace(b'"', b' " ').replace(b"><", b">\n<")
+            packed.writestr(zipfile.ZipInfo(name or "x"), words(text, rng, mutate).replace(b' " ', b'"'))
+    return changed.getvalue()
+
+
 def archive(data: bytes, rng: Random, mutate: Bytes) -> bytes:
     """Change the header of a safetensors file, with a digest that fits, or the numbers behind it."""
     from safetensors.numpy import load

@@ -73,6 +73,7 @@ READERS = {
     "ply": Reader(".ply", read_mesh_parts, mutations.words),
     "off": Reader(".off", read_mesh_parts, mutations.words),
     "stl": Reader(".stl", read_mesh_parts, mutations.words),
+    "3mf": Reader(".3mf", read_mesh_parts, mutations.threemf),
     "tgf": Reader(".tgf", read_tgf, mutations.words),
     "dmat": Reader(".dmat", _dmat, mutations.words),
     "weights": Reader(".npz", read_weights, mutations.npz),

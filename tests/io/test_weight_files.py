@@ -85,7 +85,7 @@ def test_npz_without_weights(tmp_path):
 def test_an_archive_that_unpacks_to_too_much(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", W=np.zeros((1000, 100)))
     monkeypatch.setattr(module, "SIZE_LIMIT", 2**18)
-    with pytest.raises(FileFormatError, match="W.npy is empty, larger than"):
+    with pytest.raises(FileFormatError, match=r"W\.npy is empty, larger than"):
         read_weights(tmp_path / "a.npz")
 
 

@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="OUT",
         required=True,
-        help=".glb or .gltf (everything), .obj or .ply (the mesh), .txt (rig and weights, as RigNet), .tgf (the rig), "
-        ".dmat (the motion or the weights), .npz (the weights), .bvh (rig and motion)",
+        help=".glb or .gltf (everything), .obj, .ply, .off, .stl or .3mf (the mesh), .txt (rig and weights, as "
+        "RigNet), .tgf (the rig), .dmat (the motion or the weights), .npz (the weights), .bvh (rig and motion)",
     )
     add_group(parser)
     add_solve(parser)

@@ -10,7 +10,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
     add_pose(parser)
     add_resolution(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the mesh to write, .obj or .ply")
+    kinds = ".obj, .ply, .off, .stl or .3mf; in two dimensions .obj or .ply"
+    parser.add_argument("-o", "--output", metavar="FILE", required=True, help=f"the mesh to write, {kinds}")
     add_json(parser)
 
 
@@ -22,11 +23,14 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.poses import chosen_pose
     from nilbs.geometry.facets import is_watertight
     from nilbs.io import check_suffix, check_writable, write_mesh
+    from nilbs.io.registry import MESHES, OUTLINES
     from nilbs.models.model_file import load_model
 
-    check_suffix(args.output, ".obj", ".ply")
+    check_suffix(args.output, *MESHES)
     check_writable(args.output)
     model = load_model(args.model)
+    if model.character.d == 2:
+        check_suffix(args.output, *OUTLINES)
     pose = chosen_pose(model, args)
     start = perf_counter()
     U, F = model.extract(pose, resolution=args.resolution)

@@ -13,7 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "files",
         nargs="+",
         metavar="FILE",
-        help="a mesh (.obj, .ply, .off, .stl), rig (.tgf, .txt, .mhskel), all of a character (.glb, .gltf, .fbx, "
+        help="a mesh (.obj, .ply, .off, .stl, .3mf), rig (.tgf, .txt, .mhskel), all of a character (.glb, .gltf, .fbx, "
         ".npz), motion (.dmat, .json, .bvh), weights (.dmat, .npz, .mhw), points (.npy) or model (.nilbs); several "
         "are also checked against each other",
     )
