@@ -11,6 +11,8 @@ import re
 import warnings
 import zipfile
 from collections import Counter, defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,10 @@ _CORNERS = re.compile(r"^[ \t]*(?:(v)ertex(?:[ \t]+\S+){3}[ \t\r]*$|verte(x)|(e)
 _SOLID = re.compile(r"^[ \t]*solid\b(.*)$", re.IGNORECASE | re.MULTILINE)
 _END = re.compile(r"^[ \t]*end[ \t]*solid.*$", re.IGNORECASE | re.MULTILINE)
 _MODEL = "3d/3dmodel.model"
+_PARENTS = {
+    **{"resources": "model", "build": "model", "item": "build", "object": "resources"},
+    **{"mesh": "object", "components": "object", "component": "components"},
+}
 _PACKED = 100  # times that a 3MF file may grow when it is unpacked
 _PLACED, _NESTED = 2**12, 16  # objects that a 3MF file may place, and how deep one may hold another
 _TRIANGLES = 2**25  # that they may hold together
@@ -162,16 +168,18 @@ def _read_3mf(path: str | os.PathLike) -> MeshFile:
     scene = _scene(path, alone.getvalue(), "3mf")
     V, corners, groups = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], {}
     n = m = 0
-    for node in scene.graph.nodes_geometry:
-        matrix, name = scene.graph[node]
-        mesh = scene.geometry[name].copy()
-        if m + len(mesh.faces) > _TRIANGLES:
-            raise FileFormatError(path, f"its objects hold more than {_TRIANGLES} triangles together")
-        with np.errstate(all="ignore"):  # what overflows is reported as not finite
+    with _guarded(path, "3mf"):
+        for node in scene.graph.nodes_geometry:
+            matrix, name = scene.graph[node]
+            if name not in scene.geometry:  # an object without a mesh
+                continue
+            mesh = scene.geometry[name].copy()
+            if m + len(mesh.faces) > _TRIANGLES:
+                raise FileFormatError(path, f"its objects hold more than {_TRIANGLES} triangles together")
             V.append(mesh.apply_transform(matrix).vertices)  # and turns the faces of a mirrored object
-        corners.append(mesh.faces + n)
-        groups[node] = np.arange(m, m + len(mesh.faces))
-        n, m = n + len(mesh.vertices), m + len(mesh.faces)
+            corners.append(mesh.faces + n)
+            groups[node] = np.arange(m, m + len(mesh.faces))
+            n, m = n + len(mesh.vertices), m + len(mesh.faces)
     unit = str(scene.metadata.get("units", ""))[:40]
     notes = () if unit.startswith("millimeter") else (f"its numbers are in {unit}, and are kept as they are",)
     faces = Elements(np.concatenate(corners).ravel(), np.full(m, 3), None)
@@ -187,17 +195,19 @@ def _check_model(path: str | os.PathLike, model: bytes) -> None:
     parts: dict[str, Counter[str]] = defaultdict(Counter)
     try:
         holder = ""
-        tags = ("{*}object", "{*}component", "{*}item")
+        tags = [f"{{*}}{name}" for name in _PARENTS]
         for _, element in etree.iterparse(
             io.BytesIO(model), events=("start",), tag=tags, resolve_entities=False, no_network=True, huge_tree=False
         ):
-            kind = etree.QName(element).localname
+            kind, parent = (str(getattr(e, "tag", "")).rpartition("}")[2] for e in (element, element.getparent()))
+            if parent != _PARENTS[kind]:  # trimesh would read it twice
+                raise FileFormatError(path, f"its model has {kind} in {parent or 'nothing'}, not in {_PARENTS[kind]}")
             if kind == "object":
                 holder = element.attrib["id"]
-                continue
-            if any(etree.QName(name).localname == "path" for name in element.attrib):
-                raise FileFormatError(path, "its objects lie in several files of the archive: export them as one model")
-            parts["" if kind == "item" else holder][element.attrib["objectid"]] += 1
+            if kind in ("item", "component"):
+                if any(name.endswith("path") for name in element.attrib):
+                    raise FileFormatError(path, "its objects lie in several files: export them as one model")
+                parts["" if kind == "item" else holder][element.attrib["objectid"]] += 1
     except (etree.XMLSyntaxError, KeyError) as error:
         raise FileFormatError(path, f"its model cannot be read: {error}") from None
     placed, found = parts[""], 0
@@ -221,17 +231,24 @@ def _scene(path: str | os.PathLike, data: bytes, kind: str) -> Any:
     """What trimesh makes of the content of a file; it gets no path that it could look beside."""
     import trimesh
 
+    with _guarded(path, kind):
+        return trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, postprocess=False)
+
+
+@contextmanager
+def _guarded(path: str | os.PathLike, kind: str) -> Iterator[None]:
+    """Whatever goes wrong inside trimesh is an error of the file."""
     logging.getLogger("trimesh").addHandler(_QUIET)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        warnings.simplefilter("error", DeprecationWarning)  # numpy's, of text that is no number
-        try:
-            return trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, postprocess=False)
-        except MemoryError:
-            raise
-        except Exception as error:  # trimesh raises whatever goes wrong inside it
-            reason = f"{type(error).__name__}: {error}"[:200]
-            raise FileFormatError(path, f"trimesh cannot read this .{kind} file ({reason})") from None
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):  # what overflows is reported as not finite
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", DeprecationWarning)  # numpy's, of text that is no number
+            yield
+    except (FileFormatError, MemoryError):
+        raise
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}"[:200]
+        raise FileFormatError(path, f"trimesh cannot read this .{kind} file ({reason})") from None
 
 
 def _text(path: str | os.PathLike) -> str:
