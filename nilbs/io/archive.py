@@ -19,25 +19,9 @@ KINDS = {np.dtype(kind) for kind in ("float32", "float64", "int32", "int64", "bo
 def write_archive(
     path: str | Path, arrays: Mapping[str, np.ndarray], settings: Mapping[str, Any], *, kind: str
 ) -> None:
-    """Write arrays and settings; the file appears whole or not at all.
+    """Write arrays (float32, float64, int32, int64, bool) and settings; the file appears whole or not at all.
 
-    Parameters
-    ----------
-    path : path
-        Where to; a file that is there is replaced.
-    arrays : mapping of str to array
-        float32, float64, int32, int64 or bool.
-    settings : mapping
-        Anything JSON holds.
-    kind : str
-        What the file is, for example "nilbs model 1"; `read_archive` asks for the same.
-
-    Raises
-    ------
-    ValueError
-        If an array has another type.
-    OSError
-        If the file cannot be written.
+    `kind` says what the file is, for example "nilbs model 1"; `read_archive` expects the same.
 
     Examples
     --------
@@ -60,27 +44,7 @@ def write_archive(
 
 
 def read_archive(path: str | Path, *, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read what `write_archive` wrote.
-
-    Parameters
-    ----------
-    path : path
-        The file.
-    kind : str
-        What it should be.
-
-    Returns
-    -------
-    arrays : dict of str to array
-    settings : dict
-
-    Raises
-    ------
-    FileFormatError
-        If the file is not an archive, is of another kind or version, or was damaged.
-    OSError
-        If it cannot be opened.
-    """
+    """Read the arrays and settings that `write_archive` wrote; FileFormatError for another kind or a damaged file."""
     from safetensors import SafetensorError
     from safetensors.numpy import load
 

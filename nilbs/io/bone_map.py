@@ -10,24 +10,7 @@ from nilbs.io.strict_json import read_json
 
 
 def read_bone_map(path: str | os.PathLike) -> dict[str, str | None]:
-    """Read a bone map.
-
-    Parameters
-    ----------
-    path : str or path
-        One JSON object: for bones of the character, by name, the name of the bone of the motion that they follow, or
-        null for none. Bones left out follow none.
-
-    Returns
-    -------
-    bone_map : dict of str to str or None
-
-    Raises
-    ------
-    FileFormatError
-        If the file is anything else.
-    OSError
-        If it cannot be read.
+    """Read a bone map: one JSON object, a bone of the character to a bone of the motion, or to null.
 
     Examples
     --------
@@ -47,33 +30,7 @@ def read_bone_map(path: str | os.PathLike) -> dict[str, str | None]:
 
 
 def write_bone_map(path: str | os.PathLike, bone_map: Mapping[str, str | None], names: Sequence[str] = ()) -> None:
-    """Write a bone map, one bone a line.
-
-    Parameters
-    ----------
-    path : str or path
-    bone_map : mapping of str to str or None
-    names : sequence of str, optional
-        All bones of the character: those that the map leaves out are written with null, so that nobody need look up
-        their names to correct the file.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> path = tempfile.mkdtemp() + "/map.json"
-    >>> write_bone_map(path, {"head": "Head"}, ("head", "jaw"))
-    >>> with open(path) as file:
-    ...     print(file.read().strip())
-    {
-      "head": "Head",
-      "jaw": null
-    }
-    """
+    """Write a bone map, one bone a line; those of `names` that the map leaves out are written with null."""
     full = {**dict.fromkeys(names), **bone_map}
     with replacing(path, "w") as file:
         file.write(json.dumps(full, indent=2, ensure_ascii=True) + "\n")

@@ -33,27 +33,7 @@ class Mesh:
 
 
 def select_group(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The part of a mesh that is one group or object.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    name : str
-        A key of its groups.
-
-    Returns
-    -------
-    V : (n', d) float array
-        The vertices that the group uses, in the order of the file.
-    E : (m', 3) int array
-        Its faces, indices into these.
-    kept : (n',) int array
-        Where the vertices stand in the whole mesh.
-
-    Raises
-    ------
-    ValueError
-        If there is no such group.
+    """The part of a mesh that is one group or object: V (n', d), E (m', 3), and where these vertices stand in the mesh.
 
     Examples
     --------
@@ -85,13 +65,7 @@ class Influences:
     weight: np.ndarray
 
     def dense(self, n: int, b: int, path: str | os.PathLike) -> np.ndarray:
-        """Weights (n, b) of n vertices, zero where the file names none.
-
-        Raises
-        ------
-        FileFormatError
-            If the file names a vertex or bone that does not exist.
-        """
+        """Weights (n, b) of n vertices, zero where the file names none; FileFormatError for another vertex or bone."""
         for name, index, size in (("vertex", self.vertex, n), ("bone", self.bone, b)):
             bad = np.flatnonzero((index < 0) | (index >= size))
             if len(bad):

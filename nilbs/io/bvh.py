@@ -35,56 +35,20 @@ Lines = Iterator[tuple[int, bytes]]
 
 
 def read_bvh(path: str | os.PathLike) -> Bundle:
-    r"""Read a skeleton and its motion.
+    """Read a skeleton and its motion, with notes on what was decided.
 
-    Parameters
-    ----------
-    path : str or path
-        The file. Joints may have any channels in any order; a file may have several roots, and no frame.
+    In the rest pose all rotations are zero and every joint stands at its OFFSET from its parent, a root at its OFFSET
+    from the origin; an End Site is where a bone ends. Channels may come in any order, and there may be several roots
+    and no frame.
 
-    Returns
-    -------
-    bundle : Bundle
-        The skeleton, one clip called as the file, and notes on what was decided. In the rest pose all rotations are
-        zero and every joint stands at its OFFSET from its parent, a root at its OFFSET from the origin. An End Site is
-        where a bone ends.
-
-    Raises
-    ------
-    FileFormatError
-        With the line, if the hierarchy or a row of numbers is broken, or there are not as many rows as the file says.
-    OSError
-        If the file cannot be read.
-
-    Notes
-    -----
-    A joint's rotations act in the order listed, the last one first: `Zrotation Xrotation Yrotation` is Rz Rx Ry. Its
-    position takes the place of its OFFSET, as Blender has it; a coordinate that has no channel stays. Some programs
-    write positions relative to the OFFSET instead: they are read so where those of the joints below the roots are, in
-    the first frame, nearer to zero than to the OFFSETs, and a note says it.
+    A joint's rotations act in the order listed, the last one first: `Zrotation Xrotation Yrotation` is Rz Rx Ry [1]_.
+    Its position takes the place of its OFFSET, as in Blender; a coordinate without a channel stays. Some programs write
+    positions relative to the OFFSET: they are read so if those of the joints below the roots are, in the first frame,
+    nearer to zero than to the OFFSETs, and a note reports it.
 
     References
     ----------
     .. [1] Meredith and Maddock, Motion capture file formats explained, University of Sheffield, CS-01-11, 2001.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "turn.bvh"
-    >>> _ = path.write_text('''HIERARCHY
-    ... ROOT hip
-    ... { OFFSET 0 1 0
-    ...   CHANNELS 2 Yposition Zrotation
-    ...   End Site
-    ...   { OFFSET 0 1 0 } }
-    ... MOTION
-    ... Frames: 1
-    ... Frame Time: 0.04
-    ... 3 90
-    ... ''')
-    >>> (clip,) = read_bvh(path).clips
-    >>> (clip.B[0, 0] @ [0, 2, 0, 1]).round(6)  # the end of the bone
-    array([-1.,  3.,  0.,  1.])
     """
     lines = ((number, line) for first, block in line_blocks(path) for number, line in enumerate(block, first))
     joints = _hierarchy(path, lines)
@@ -108,52 +72,11 @@ def read_bvh(path: str | os.PathLike) -> Bundle:
 
 
 def write_bvh(path: str | os.PathLike, clip: Clip) -> tuple[str, ...]:
-    """Write a motion and its skeleton.
+    """Write a motion and its skeleton; return notes on changed names and a start other than 0 s.
 
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    clip : Clip
-        With a skeleton of b bones, which may be flat. Bones are written as joints, a parent's before its children's,
-        with rotations about z, x and y; roots, and bones that come apart from their parent, with positions too.
-
-    Returns
-    -------
-    notes : tuple of str
-        A sentence where names were changed, or where the motion does not start at 0 s.
-
-    Raises
-    ------
-    ValueError
-        If the clip's arrays disagree, a bone is scaled, sheared or mirrored, or frames are not equally far apart.
-    OSError
-        If the file cannot be written.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from nilbs.geometry.skeleton import Skeleton
-    >>> arm = Skeleton([[0, 0, 0], [0, 1, 0]], [[0, 1]], [-1], ["arm"])
-    >>> path = tempfile.mkdtemp() + "/still.bvh"
-    >>> write_bvh(path, Clip("still", arm, np.array([0.0]), np.eye(4)[None, None]))
-    ()
-    >>> with open(path) as file:
-    ...     print(file.read().strip().expandtabs(2))
-    HIERARCHY
-    ROOT arm
-    {
-      OFFSET 0.0 0.0 0.0
-      CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
-      End Site
-      {
-        OFFSET 0.0 1.0 0.0
-      }
-    }
-    MOTION
-    Frames: 1
-    Frame Time: 0.03333333333333333
-    0 0 0 0 0 0
+    Bones are joints, a parent's before its children's, with rotations about z, x and y; roots, and bones that come
+    apart from their parent, with positions too. ValueError if a bone is scaled, sheared or mirrored, or times are
+    uneven.
     """
     skeleton = clip.skeleton
     B, times = arrays(B=(clip.B, f"t {len(skeleton.P)} 4 4"), times=(clip.times, "t"))

@@ -43,41 +43,10 @@ bpy.ops.export_scene.gltf(filepath=target, **{name: value for name, value in wan
 
 
 def read_fbx(path: str | os.PathLike) -> Bundle:
-    r"""Read a character from an FBX file.
+    """Read what Blender's copy of a binary FBX file as GLB holds, with lengths in metres and y up.
 
-    Parameters
-    ----------
-    path : str or path
-        A binary `.fbx` file.
-
-    Returns
-    -------
-    bundle : Bundle
-        What Blender's copy as GLB holds: mesh, skeleton, weights and motions, with lengths in metres and y up.
-
-    Raises
-    ------
-    FileFormatError
-        If there is no Blender, neither as `blender` on the PATH nor where the environment variable NILBS_BLENDER says;
-        if the file is no binary FBX; or if Blender fails, with what it said last.
-    OSError
-        If the file cannot be read.
-
-    Notes
-    -----
-    Blender runs in the background with its factory settings, so that no add-on and no start-up file of the user takes
-    part, and is given ten minutes.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "dancer.fbx"
-    >>> _ = path.write_text("; FBX 7.3.0 project file")
-    >>> try:
-    ...     read_fbx(path)
-    ... except FileFormatError as error:
-    ...     print(error.message)
-    this is no binary FBX file, the only form that Blender reads
+    Blender (`blender` on the PATH, or what the environment variable NILBS_BLENDER names) runs in the background for at
+    most ten minutes, with its factory settings, so that no add-on and no start-up file of the user takes part.
     """
     if not file_bytes(path).startswith(_BINARY):
         raise FileFormatError(path, "this is no binary FBX file, the only form that Blender reads")

@@ -17,53 +17,24 @@ _CLOSE = 1e-4  # of the character's size: how well the nodes' pose must agree wi
 
 
 def read_gltf(path: str | os.PathLike) -> Bundle:
-    """Read the mesh, skeleton, weights and motions of a glTF 2.0 file.
+    """Read the mesh, skeleton, weights and motions of a `.glb` or `.gltf` file [1]_.
 
-    Parameters
-    ----------
-    path : str or path
-        A `.glb` or `.gltf` file. Buffers are read from it, or from files beside it or in folders below.
+    Buffers are read from the file, or from files beside it or in folders below. The mesh is all triangles of the file's
+    scene, one primitive after the other, grouped by the names of their nodes and meshes; seams stay split. Bone j is
+    joint j of the first skin; other skins add those of their joints that are new. A clip has the union of the key times
+    of all channels that move a joint, where it is exact: steps, and cubic splines and joints between them, are linear
+    in between. Morph targets are left out.
 
-    Returns
-    -------
-    bundle : Bundle
-        The mesh is all triangles of the file's scene, one primitive after the other, grouped by the names of their
-        nodes and meshes; seams stay split as they are. Bone j is joint j of the first skin; other skins add those of
-        their joints that are new. A clip has the union of the key times of all channels that move a joint, where it
-        is exact: steps, and cubic splines and joints between them, are linear in between. Morph targets are left out.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is damaged, or uses what is not read; the message names the part.
-    OSError
-        If the file, or one that it names, cannot be read.
-
-    Notes
-    -----
     A skin poses a vertex v by the joints' transforms G_j(t) and inverse bind matrices IBM_j: sum_j w_j G_j(t) IBM_j v.
     The rest pose is the pose at binding, placed in the world by the skin's first root joint: with M = G_root(rest)
     IBM_root, rest vertices are M v, joint frames R_j = M IBM_j^-1, and bones move by B_j(t) = G_j(t) R_j^-1. B is the
     identity where the file's nodes stand in the pose at binding. A further skin is placed by the first joint that it
-    shares with those before, else by the joint above its root.
-
-    A mesh without a skin follows the joint that it hangs on; one that hangs on none follows the first root.
+    shares with those before, else by the joint above its root. A mesh without a skin follows the joint that it hangs
+    on; one that hangs on none follows the first root.
 
     References
     ----------
     .. [1] Khronos Group, glTF 2.0 specification, https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html, 3.7.3.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from nilbs.io.gltf_writer import write_gltf
-    >>> from nilbs.geometry.skeleton import Skeleton
-    >>> bone = Skeleton([[0, 0, 0], [0, 0, 1]], [[0, 1]], [-1], ("arm",))
-    >>> path = tempfile.mkdtemp() + "/arm.glb"
-    >>> write_gltf(path, Bundle(Mesh(np.eye(3), np.array([[0, 1, 2]])), bone))
-    ()
-    >>> read_gltf(path).skeleton.names
-    ('arm',)
     """
     file = Document(path)
     nodes = read_nodes(file)

@@ -19,15 +19,8 @@ _BLOCK = 2**15  # of those held at a time
 class Channel:
     """How one part of a node's transform changes.
 
-    Attributes
-    ----------
-    times : (k,) float array
-        Increasing, in seconds.
-    values : (k, c) or (k, 3, c) float array
-        The value at each key; for a cubic spline between the slopes before and after it.
-    interpolation : "STEP", "LINEAR" or "CUBICSPLINE"
-    turns : bool
-        Whether the values are quaternions.
+    `times` (k,) increase; `values` are (k, c), or for a cubic spline (k, 3, c) with the slopes before and after each
+    key.
     """
 
     times: np.ndarray
@@ -36,13 +29,7 @@ class Channel:
     turns: bool
 
     def at(self, times: np.ndarray) -> np.ndarray:
-        """Values (t, c) at these times; before the first key and after the last those of that key.
-
-        Examples
-        --------
-        >>> Channel(np.array([0.0, 2]), np.array([[0.0], [4]]), "LINEAR", False).at(np.array([-1, 0.5, 2])).tolist()
-        [[0.0], [1.0], [4.0]]
-        """
+        """Values (t, c) at these times; before the first key and after the last those of that key."""
         cubic = self.interpolation == "CUBICSPLINE"
         keys = self.values[:, 1] if cubic else self.values
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 1)
@@ -70,28 +57,7 @@ class Animation:
 
 
 def read_animations(file: Document, nodes: Nodes, joints: list[int]) -> tuple[list[Animation], list[str]]:
-    """Read the animations of a file.
-
-    Parameters
-    ----------
-    file : Document
-    nodes : Nodes
-    joints : list of int
-        The nodes whose motion is asked for.
-
-    Returns
-    -------
-    animations : list of Animation
-        Those that move one of them, or a node above.
-    notes : list of str
-
-    Raises
-    ------
-    FileFormatError
-        If times do not increase, values are not as many as the keys, or a part of a node is animated twice.
-    OSError
-        If a buffer cannot be read.
-    """
+    """Animations that move one of these joints or a node above one, and notes."""
     moving = _moving(nodes, joints)
     found: list[Animation] = []
     entries = file.entries("animations")
@@ -128,17 +94,7 @@ def read_animations(file: Document, nodes: Nodes, joints: list[int]) -> tuple[li
 
 
 def clips(file: Document, nodes: Nodes, rig: Rig, animations: list[Animation]) -> tuple[Clip, ...]:
-    """Transforms of the bones at all key times of each animation.
-
-    Returns
-    -------
-    clips : tuple of Clip
-
-    Raises
-    ------
-    FileFormatError
-        If they take more memory than such a file deserves, or a transform is not finite.
-    """
+    """Transforms of the bones at all key times of each animation; refused if they take too much memory."""
     if rig.skeleton is None:
         return ()
     moving = _moving(nodes, list(rig.bone))

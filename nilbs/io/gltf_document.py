@@ -24,42 +24,10 @@ _COMPRESSION = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_me
 
 
 class Document:
-    """A glTF file, read and taken apart no further than into JSON and buffers.
+    """A glTF file, taken apart no further than into JSON (`root`) and buffers.
 
-    Parameters
-    ----------
-    path : str or path
-        A `.gltf` or `.glb` file.
-
-    Attributes
-    ----------
-    path : str or path
-    size : int
-        Bytes of the file and of the buffers beside it that were read so far.
-
-    Raises
-    ------
-    FileFormatError
-        If it is no glTF 2.0 file, or needs an extension that is not read.
-    OSError
-        If it cannot be read.
-
-    Notes
-    -----
     Nothing in the file is trusted: every index, size and type is checked where it is used. Buffers come from the file
-    itself or from a file in its folder or below, nowhere else.
-
-    References
-    ----------
-    .. [1] Khronos Group, glTF 2.0 specification, https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp()) / "empty.gltf"
-    >>> _ = path.write_text('{"asset": {"version": "2.0"}, "nodes": [{"name": "hip"}]}')
-    >>> Document(path).entries("nodes")
-    [{'name': 'hip'}]
+    itself or from a file in its folder or below, nowhere else. `size` counts the bytes of all that were read so far.
     """
 
     def __init__(self, path: str | os.PathLike) -> None:
@@ -145,29 +113,10 @@ class Document:
         raise self.error(f"{where}: {key!r} must be {size} finite numbers")
 
     def accessor(self, index: int, where: str, kind: str, *, whole: bool = False) -> np.ndarray:
-        """The numbers that an accessor describes.
+        """The numbers (count, width) that an accessor describes, of a type such as "VEC3".
 
-        Parameters
-        ----------
-        index : int
-            Of the accessor.
-        where : str
-            What errors say uses it.
-        kind : str
-            The type that it must have, for example "VEC3".
-        whole : bool
-            Whether it must hold unsigned integers. Else integers become numbers, those that are normalised fractions.
-
-        Returns
-        -------
-        values : (count, width) int or float array
-
-        Raises
-        ------
-        FileFormatError
-            If it is of another type, reaches beyond its buffer or holds a number that is not finite.
-        OSError
-            If its buffer cannot be read.
+        `whole` wants unsigned integers. Else integers become numbers, and those that are normalised fractions. `where`
+        is what uses it, for errors.
         """
         entry, name = self._entry("accessors", index, where), f"accessor {index} ({where})"
         component = self.whole(entry, "componentType", name)

@@ -15,35 +15,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
 def read_meshes(file: Document, nodes: Nodes, rig: Rig) -> tuple[Mesh | None, Influences | None, list[str]]:
-    """Read all triangles of a file's scene, one mesh after the other.
-
-    Returns
-    -------
-    mesh : Mesh or None
-        At rest; None where there is no triangle.
-    influences : Influences or None
-        None where nothing says which bones move the mesh.
-    notes : list of str
-
-    Raises
-    ------
-    FileFormatError
-        If a mesh is damaged.
-    OSError
-        If a buffer cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> from nilbs.io.gltf_nodes import read_nodes
-    >>> from nilbs.io.gltf_skin import read_rig
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "nothing.gltf"
-    >>> _ = path.write_text('{"asset": {"version": "2.0"}}')
-    >>> file = Document(path)
-    >>> nodes = read_nodes(file)
-    >>> read_meshes(file, nodes, read_rig(file, nodes))
-    (None, None, [])
-    """
+    """All triangles of a file's scene at rest, one mesh after the other, what moves them, and notes."""
     pile = _Pile(file, nodes, rig)
     groups: dict[str, list[np.ndarray]] = {}
     meshes = file.entries("meshes")

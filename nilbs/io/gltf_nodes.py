@@ -13,26 +13,12 @@ _AT_REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "s
 
 @dataclass(frozen=True)
 class Nodes:
-    """A forest of named coordinate frames.
+    """A forest of n named coordinate frames.
 
-    Attributes
-    ----------
-    names : list of n str
-        Empty where a node has none.
-    parent : (n,) int array
-        -1 at a root.
-    order : list of n int
-        All nodes, parents before their children.
-    local : (n, 4, 4) float array
-        Transform relative to the parent, at rest.
-    world : (n, 4, 4) float array
-        Transform relative to the world, at rest.
-    translation, rotation, scale : (n, 3), (n, 4), (n, 3) float arrays
-        Of which `local` is made; rotations are unit quaternions (x, y, z, w).
-    fixed : (n,) bool array
-        Where the file gives a matrix instead, which no animation may move.
-    shown : (n,) bool array
-        Whether the node stands in the scene that the file shows.
+    `parent` is -1 at a root; `order` has parents before their children; `local` and `world` (n, 4, 4) are the
+    transforms at rest, relative to the parent and the world. `local` is made of `translation`, `rotation` (unit
+    quaternions x, y, z, w) and `scale`, except where a matrix is `fixed`, which no animation may move. `shown` nodes
+    stand in the file's scene.
     """
 
     names: list[str]
@@ -47,20 +33,7 @@ class Nodes:
     shown: np.ndarray
 
     def below(self, is_joint: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What every node hangs on.
-
-        Parameters
-        ----------
-        is_joint : (n,) bool array
-            The nodes on which others may hang.
-
-        Returns
-        -------
-        above : (n,) int array
-            The nearest joint among the nodes above; -1 for none.
-        relative : (n, 4, 4) float array
-            Transform relative to it at rest, or relative to the world.
-        """
+        """The nearest joint above every node, -1 for none, and the map relative to it, or to the world, at rest."""
         above, relative = np.full(len(self.order), -1), self.local.copy()
         for node in self.order:
             parent = self.parent[node]
@@ -77,18 +50,7 @@ class Nodes:
 
 
 def compose(translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Matrices of translations, unit quaternions and scales, applied in reverse.
-
-    Parameters
-    ----------
-    translation, scale : (..., 3) float array
-    rotation : (..., 4) float array
-        Unit quaternions (x, y, z, w).
-
-    Returns
-    -------
-    matrix : (..., 4, 4) float array
-        Acting on column vectors.
+    """Matrices (..., 4, 4) of translations, unit quaternions (x, y, z, w) and scales, applied in reverse.
 
     Examples
     --------
@@ -112,23 +74,7 @@ def compose(translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray) ->
 
 
 def unit_quaternions(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quaternions scaled to length one, and which of them have no length.
-
-    Parameters
-    ----------
-    q : (..., 4) float array
-        Finite, of any length.
-
-    Returns
-    -------
-    unit : (..., 4) float array
-    zero : (...) bool array
-
-    Examples
-    --------
-    >>> unit_quaternions(np.array([[0, 0, 0, 2.0], [0, 0, 0, 0]]))[0].tolist()
-    [[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0]]
-    """
+    """Quaternions (..., 4) scaled to length one, and which of them have no length."""
     largest = np.abs(q).max(axis=-1, keepdims=True)
     zero = largest < 1e-100
     q = q / np.where(zero, 1.0, largest)
@@ -136,22 +82,7 @@ def unit_quaternions(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_nodes(file: Document) -> Nodes:
-    """Read the nodes of a file.
-
-    Raises
-    ------
-    FileFormatError
-        If they form no forest, or a transform is not finite or no affine map.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "two.gltf"
-    >>> nodes = '[{"name": "hip", "children": [1]}, {"translation": [0, 2, 0]}]'
-    >>> _ = path.write_text('{"asset": {"version": "2.0"}, "nodes": ' + nodes + "}")
-    >>> read_nodes(Document(path)).world[1, :3, 3].tolist()
-    [0.0, 2.0, 0.0]
-    """
+    """The nodes of a file, checked: they form a forest of finite affine maps."""
     entries = file.entries("nodes")
     n = len(entries)
     if n > _LIMIT:

@@ -16,15 +16,9 @@ _ROUNDS = 50  # of the alternation that finds the closest rotation and scale
 class Track:
     """The motion of all nodes of a skeleton relative to their parents.
 
-    Attributes
-    ----------
-    parts : dict of str to float arrays
-        "translation" (t, b, 3), "rotation" (t, b, 4): unit quaternions (x, y, z, w) that do not jump from q to -q,
-        and "scale" (t, b, 3).
-    moved : dict of str to (b,) float arrays
-        How far each part gets from where it is at rest.
-    off : (t, b) float array
-        How far, in mesh units, points near a bone are from where they should be.
+    `parts`: "translation" (t, b, 3), "rotation" (t, b, 4), unit quaternions (x, y, z, w) that do not jump from q to -q,
+    and "scale" (t, b, 3). `moved`: how far (b,) each part gets from rest. `off` (t, b): how far, in mesh units, points
+    near a bone are from where they should be.
     """
 
     parts: dict[str, np.ndarray]
@@ -33,54 +27,18 @@ class Track:
 
 
 def quaternions(R: np.ndarray) -> np.ndarray:
-    """Unit quaternions (x, y, z, w) of rotations.
-
-    Parameters
-    ----------
-    R : (..., 3, 3) float array
-
-    Returns
-    -------
-    q : (..., 4) float array
-        With w >= 0.
-
-    Examples
-    --------
-    >>> quaternions(np.diag([1.0, -1, -1])).round(6) + 0.0
-    array([1., 0., 0., 0.])
-    """
+    """Unit quaternions (..., 4), as x, y, z, w with w >= 0, of rotations (..., 3, 3)."""
     theta = rotation_vectors(R)
     half = np.linalg.norm(theta, axis=-1, keepdims=True) / 2
     return np.concatenate([0.5 * np.sinc(half / np.pi) * theta, np.cos(half)], axis=-1)
 
 
 def rest_rotations(P: np.ndarray, motions: list[np.ndarray]) -> np.ndarray:
-    """Axes for the bones' rest frames along which their motions stretch them.
+    """Axes (b, 3, 3), as columns, for the bones' rest frames along which their motions B (t, b, 4, 4) stretch them.
 
-    Parameters
-    ----------
-    P : (b,) int array
-        Parent bones, -1 at a root.
-    motions : list of (t, b, 4, 4) float arrays
-        Bone transforms, rest to posed.
-
-    Returns
-    -------
-    Q : (b, 3, 3) float array
-        Rotations, the axes as columns; the identity for a bone that stretches along the axes of the world, alike in
-        all directions, or not at all.
-
-    Notes
-    -----
-    Relative to its parent a bone moves by A = R S with R a rotation, S = Q diag(s) Q^T. The eigenvectors of A^T A are
-    Q in every frame; those of a sum with uneven coefficients over the frames tell apart axes that some frames do not.
-
-    Examples
-    --------
-    >>> turn = np.array([[0.6, -0.8, 0, 0], [0.8, 0.6, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-    >>> stretch = turn @ np.diag([2.0, 1, 1, 1]) @ turn.T
-    >>> np.abs(rest_rotations(np.array([-1]), [stretch[None, None]])[0, :, 2]).round(6)
-    array([0.6, 0.8, 0. ])
+    The identity for a bone that stretches along the axes of the world, alike in all directions, or not at all. Relative
+    to its parent a bone moves by A = R S with R a rotation, S = Q diag(s) Q^T. The eigenvectors of A^T A are Q in every
+    frame; those of a sum with uneven coefficients over the frames separate axes that some frames do not.
     """
     Q = np.tile(np.eye(3), (len(P), 1, 1))
     total = np.zeros((len(P), 3, 3))
@@ -103,34 +61,10 @@ def rest_rotations(P: np.ndarray, motions: list[np.ndarray]) -> np.ndarray:
 
 
 def track(joints: np.ndarray, P: np.ndarray, Q: np.ndarray, B: np.ndarray, *, size: float) -> Track:
-    """Translations, rotations and scales that move nodes as bones move.
+    """Translations, rotations and scales that move nodes, at `joints` (b, 3) turned by Q (b, 3, 3) at rest, as bones.
 
-    Parameters
-    ----------
-    joints : (b, 3) float array
-        Where the nodes stand at rest.
-    P : (b,) int array
-        Parent bones, -1 at a root.
-    Q : (b, 3, 3) float array
-        Rotations of the nodes at rest.
-    B : (t, b, 4, 4) float array
-        Bone transforms, rest to posed.
-    size : float
-        Of the character, in mesh units.
-
-    Returns
-    -------
-    track : Track
-        Where a transform relative to the parent is more than a rotation times a scale, the closest; nodes below
-        make up for what their parent is off.
-
-    Examples
-    --------
-    >>> up = np.eye(4)[None, None].repeat(2, axis=0)
-    >>> up[1, 0, 2, 3] = 5
-    >>> found = track(np.zeros((1, 3)), np.array([-1]), np.eye(3)[None], up, size=1.0)
-    >>> found.parts["translation"][1, 0].tolist(), found.moved["rotation"].tolist()
-    ([0.0, 0.0, 5.0], [0.0])
+    Where a transform relative to the parent is more than a rotation times a scale, the closest; nodes below make up for
+    what their parent is off. `size` is that of the character.
     """
     rest = np.tile(np.eye(4), (len(P), 1, 1))
     rest[:, :3, :3], rest[:, :3, 3] = Q, joints

@@ -16,16 +16,9 @@ _CLOSE = 1e-4  # relative: skins whose matrices agree so well were bound in the 
 
 @dataclass(frozen=True)
 class Skin:
-    """What a skin says of its joints.
+    """The bones of a skin's joints, and the maps (k, 4, 4) from its vertices to the world at rest, by joint.
 
-    Attributes
-    ----------
-    bones : (k,) int array
-        The bones that they are.
-    place : (k, 4, 4) float array
-        From the skin's vertices to the world at rest, as each joint has it.
-    agree : bool
-        Whether these are all the same: then the skin was bound in the rest pose.
+    Where these `agree` the skin was bound in the rest pose.
     """
 
     bones: np.ndarray
@@ -35,21 +28,11 @@ class Skin:
 
 @dataclass(frozen=True)
 class Rig:
-    """The joints of all skins; b is 0 where there is no skin.
+    """The joints of all skins: none where there is no skin.
 
-    Attributes
-    ----------
-    skeleton : Skeleton or None
-    bone : dict of int to int
-        The bone of each joint's node, in the order of the bones.
-    rest, inverse : (b, 4, 4) float arrays
-        The joints' frames in the world at rest, and their inverses.
-    skins : list of Skin
-    above : (n,) int array
-        The joint that each node of the file hangs on, or -1.
-    relative : (n, 4, 4) float array
-        Its place there, or in the world.
-    notes : list of str
+    `bone` is the bone of each joint's node, in the order of the bones; `rest` and `inverse` (b, 4, 4) are the joints'
+    frames at rest; `above` and `relative` are the joint that each node hangs on, or -1, and its place there or in the
+    world.
     """
 
     skeleton: Skeleton | None
@@ -63,30 +46,7 @@ class Rig:
 
 
 def read_rig(file: Document, nodes: Nodes) -> Rig:
-    """Read the skins of a file.
-
-    Returns
-    -------
-    rig : Rig
-        Its rest pose is the pose at binding, as `nilbs.io.gltf.read_gltf` says.
-
-    Raises
-    ------
-    FileFormatError
-        If a joint is no node or stands twice, or an inverse bind matrix is missing, singular or no affine map.
-    OSError
-        If a buffer cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> from nilbs.io.gltf_nodes import read_nodes
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "hip.gltf"
-    >>> _ = path.write_text('{"asset": {"version": "2.0"}, "nodes": [{"name": "hip"}], "skins": [{"joints": [0]}]}')
-    >>> file = Document(path)
-    >>> read_rig(file, read_nodes(file)).skeleton.names
-    ('hip',)
-    """
+    """Unite the skins of a file; FileFormatError if a matrix is missing, singular or no affine map."""
     entries = file.entries("skins")
     lists = [_joints(file, nodes, entry, f"skin {i}") for i, entry in enumerate(entries)]
     is_joint = np.zeros(len(nodes.order), dtype=bool)

@@ -24,52 +24,21 @@ _FAR = 8.0  # times its size: a character farther off is written at the origin, 
 
 
 def write_gltf(path: str | os.PathLike, parts: Bundle) -> tuple[str, ...]:
-    """Write a mesh, its skeleton, weights and motions as glTF 2.0.
+    """Write a mesh, its skeleton, weights and motions as glTF 2.0 [1]_; return notes on what did not fit.
 
-    Parameters
-    ----------
-    path : str or path
-        A `.glb` file, or a `.gltf` file that holds its buffer as base64.
-    bundle : Bundle
-        A mesh of triangles, a skeleton, or both; a flat one is written with z = 0. Clips must be of this skeleton.
-        Weights that are not positive are left out, rows are scaled to sum to one. Groups and notes are not written.
+    Clips must be of this skeleton. Weights that are not positive are left out, rows are scaled to sum to one, a flat
+    character gets z = 0; groups and notes are not written. A `.gltf` file holds its buffer as base64.
 
-    Returns
-    -------
-    notes : tuple of str
-        A sentence on everything that the file could not hold as it was.
-
-    Raises
-    ------
-    ValueError
-        If the parts do not fit each other, the mesh has no triangle, or the file name ends in something else.
-    OSError
-        If the file cannot be written.
-
-    Notes
-    -----
-    Positions and motions are in single precision: where the character is far from the origin, all of it hangs on a
-    node that carries the distance, in double precision. A bone's node starts at its first joint with the axes of the
-    world, turned only where its motion stretches it along others. Where a bone ends is written as a node without mesh
-    called "<bone>_end", unless a reader finds the same end among the bone's children.
-
-    A node moves by translation, rotation and scale. This holds every rigid motion and every stretch along a bone's
-    own axes, if these stay the same. Of anything else the closest is written, and the notes say how far off.
+    Positions and motions are in single precision: where the character is far from the origin, all of it hangs on a node
+    that carries the distance, in double precision. A bone's node starts at its first joint with the axes of the world,
+    turned only where its motion stretches it along others. Where a bone ends is written as a node without mesh called
+    "<bone>_end", unless a reader finds the same end among the bone's children. A node moves by translation, rotation
+    and scale: every rigid motion and every stretch along a bone's own axes, if these stay the same. Of anything else
+    the closest is written, and the notes report how far off.
 
     References
     ----------
     .. [1] Khronos Group, glTF 2.0 specification, https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from nilbs.io.gltf import read_gltf
-    >>> from nilbs.io.bundle import Mesh
-    >>> path = tempfile.mkdtemp() + "/triangle.glb"
-    >>> write_gltf(path, Bundle(Mesh(np.eye(3), np.array([[0, 1, 2]]))))
-    ()
-    >>> read_gltf(path).mesh.E
-    array([[0, 1, 2]])
     """
     suffix = check_suffix(path, ".glb", ".gltf")
     mesh, skeleton, influences = parts.mesh, parts.skeleton, parts.influences

@@ -11,15 +11,6 @@ from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 def joint_in_circle(P: np.ndarray) -> int | None:
     """A joint that is its own ancestor, if there is one.
 
-    Parameters
-    ----------
-    P : (b,) int array
-        Parent of every joint, -1 at a root.
-
-    Returns
-    -------
-    joint : int or None
-
     Examples
     --------
     >>> joint_in_circle(np.array([1, 2, 1])), joint_in_circle(np.array([-1, 0]))
@@ -38,24 +29,9 @@ def first_joints(skeleton: Skeleton) -> np.ndarray:
 
 
 def written_ends(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """Where bones end, and whether a file whose bones are joints has to say so.
+    """Where bones end (b, 3), and whether a file whose bones are joints has to hold it.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-
-    Returns
-    -------
-    end : (b, 3) float array
-        The second joint of every bone, with z = 0 for a skeleton of the plane.
-    said : (b,) bool array
-        False where `skeleton_of_joints` gives a bone the same end from the first joints and parents alone.
-
-    Examples
-    --------
-    >>> end, said = written_ends(Skeleton([[0, 0], [1, 0], [1, 2]], [[0, 1], [1, 2]], [-1, 0], ("upper", "lower")))
-    >>> end.tolist(), said.tolist()
-    ([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0]], [False, True])
+    It has not where `skeleton_of_joints` gives a bone the same end from the first joints and parents alone.
     """
     start = first_joints(skeleton)
     end = in_space(skeleton.C)[skeleton.BE[:, 1]]
@@ -68,19 +44,7 @@ def skeleton_with_ends(
 ) -> Skeleton:
     """Skeleton of a rig whose bones are joints, some with an end that the file gives.
 
-    Parameters
-    ----------
-    positions : (b, 3) float array
-    parents : (b,) int array
-    names : sequence of b str
-    ends : mapping of int to (3,) float array
-        Joint to where its bone ends. An end at the place of a joint without children says no more than that the bone
-        has no length.
-
-    Returns
-    -------
-    skeleton : Skeleton
-        As `skeleton_of_joints` gives it.
+    An end at the place of a joint without children means only that the bone has no length.
     """
     inner = set(parents.tolist())
     said = {joint: end for joint, end in ends.items() if joint in inner or (end != positions[joint]).any()}

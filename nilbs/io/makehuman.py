@@ -17,37 +17,11 @@ _LARGEST_VERTEX = 2**53
 
 
 def read_mhskel(path: str | os.PathLike, V: np.ndarray) -> Skeleton:
-    r"""Read a skeleton and place it in a mesh.
+    """Read a `.mhskel` skeleton and place it in V (n, 3), the vertices of the whole mesh that it was made for.
 
-    Parameters
-    ----------
-    path : str or path
-        A `.mhskel` file: JSON with `bones`, each with the names of its `head` and `tail` and of its `parent` or null,
-        and `joints`, the lists of vertices (from 0) in whose mean each of them lies.
-    V : (n, 3) float array
-        Vertices of the whole mesh that the file was made for, with all its groups.
-
-    Returns
-    -------
-    skeleton : Skeleton
-        Bones in the file's order, from head to tail; one joint for every name of a joint that a bone uses.
-
-    Raises
-    ------
-    FileFormatError
-        Naming the bone or joint, if a part is missing, V has no such vertex, or bones run in a circle.
-    OSError
-        If the file cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "arm.mhskel"
-    >>> text = '{"bones": {"arm": {"head": "a", "tail": "b", "parent": null}}, "joints": {"a": [0], "b": [1, 2]}}'
-    >>> _ = path.write_text(text)
-    >>> read_mhskel(path, [[0, 0, 0], [1, 0, 0], [1, 2, 0]]).C
-    array([[0., 0., 0.],
-           [1., 1., 0.]])
+    The file is JSON with `bones`, each with the names of its `head` and `tail` and of its `parent` or null, and
+    `joints`, the lists of vertices (from 0) in whose mean each of them lies. Bones are in the file's order, from head
+    to tail.
     """
     (V,) = arrays(V=(V, "n 3"))
     content = _object(path, read_json(path), "the file")
@@ -80,34 +54,9 @@ def read_mhskel(path: str | os.PathLike, V: np.ndarray) -> Skeleton:
 
 
 def read_mhw(path: str | os.PathLike, names: Sequence[str]) -> Influences:
-    r"""Read weights.
+    """Read a `.mhw` file: JSON with `weights`, for every bone a list of pairs of a vertex (from 0) and its weight.
 
-    Parameters
-    ----------
-    path : str or path
-        A `.mhw` file: JSON with `weights`, for every bone a list of pairs of a vertex (from 0) and its weight.
-    names : sequence of str
-        The rig's bones. Those that the file leaves out move nothing.
-
-    Returns
-    -------
-    influences : Influences
-        Rows are vertices of the whole mesh, columns the bones of `names`.
-
-    Raises
-    ------
-    FileFormatError
-        Naming the bone, if the rig does not have it or its list holds anything else than such pairs.
-    OSError
-        If the file cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "arm.mhw"
-    >>> _ = path.write_text('{"weights": {"hand": [[0, 0.5], [2, 1]]}}')
-    >>> read_mhw(path, ["arm", "hand"]).dense(3, 2, path).tolist()
-    [[0.0, 0.5], [0.0, 0.0], [0.0, 1.0]]
+    Columns are the bones of `names`; those that the file leaves out move nothing.
     """
     index = {name: bone for bone, name in enumerate(names)}
     pairs: list[list[float]] = []
@@ -127,36 +76,7 @@ def read_mhw(path: str | os.PathLike, names: Sequence[str]) -> Influences:
 
 
 def weights_file(path: str | os.PathLike) -> str | None:
-    r"""The weights that a `.mhskel` file names, where they lie beside it.
-
-    Parameters
-    ----------
-    path : str or path
-        The `.mhskel` file.
-
-    Returns
-    -------
-    weights : str or None
-        Path of the `.mhw` file; None where the file names none, or none that is in its own folder.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is no JSON.
-    OSError
-        If it cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> folder = pathlib.Path(tempfile.mkdtemp())
-    >>> _ = (folder / "arm.mhskel").write_text('{"weights_file": "arm.mhw"}')
-    >>> weights_file(folder / "arm.mhskel") is None
-    True
-    >>> (folder / "arm.mhw").touch()
-    >>> pathlib.Path(weights_file(folder / "arm.mhskel")).name
-    'arm.mhw'
-    """
+    """The path of the `.mhw` file that a `.mhskel` file names, if it lies in the same folder."""
     name = _object(path, read_json(path), "the file").get("weights_file")
     folder = Path(path).parent
     # Looked up among the files there, so that no name leads elsewhere.

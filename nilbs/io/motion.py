@@ -99,20 +99,16 @@ class LocalMotion:
     Attributes
     ----------
     names : tuple of b str
-        The bones.
     theta : (t, b, 1) or (t, b, 3) float array
         Local rotation vectors, in radians.
     root_translation : (t, d) float array
         How far the roots move, in the character's units.
-    translation : (t, b, d) float array or None
-        How far bones move from their parents; None where none does.
-    scale : (t, b, d) float array or None
-        Factors of size; None where all are 1.
+    translation, scale : (t, b, d) float array or None
+        How far bones move from their parents, and factors of size; None where none does.
     given : (t, b, d+1, d+1) float array or None
-        Transforms, rest to posed in the world, of the bones that are placed by them and not by the above; NaN for all
-        others. None where there are only others.
+        Transforms of bones that are placed in the world instead; NaN for all others.
     times : (t,) float array or None
-        Seconds, not decreasing; None where the file does not tell.
+        Seconds, not decreasing; None where the file has none.
     """
 
     names: tuple[str, ...]

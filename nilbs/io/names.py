@@ -7,40 +7,17 @@ from nilbs.geometry.validation import listed
 
 
 def text_of(word: bytes) -> str:
-    """A name in a file, whatever its bytes are.
-
-    Examples
-    --------
-    >>> text_of("Hüfte".encode())
-    'Hüfte'
-    """
+    """A name in a file, whatever its bytes are."""
     return word.decode("utf-8", "replace")
 
 
 def printable(text: str) -> str:
-    r"""A text without line ends, control characters and other signs that cannot be shown.
-
-    Examples
-    --------
-    >>> printable("left\nhand")
-    'left?hand'
-    """
+    """A text without line ends, control characters and other signs that cannot be shown."""
     return text if text.isprintable() else "".join(c if c.isprintable() else "?" for c in text)
 
 
 def unique_names(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names, each different: one that is used again gets a number.
-
-    Parameters
-    ----------
-    names : iterable of str
-
-    Returns
-    -------
-    unique : tuple of str
-        In the same order; the first of equal names stays.
-    notes : tuple of str
-        One sentence where names were changed.
+    """Names, each different: one that is used again gets a number; and a note if so.
 
     Examples
     --------
@@ -68,21 +45,7 @@ def unique_names(names: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]
 
 
 def written_names(names: Iterable[str], unfit: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    r"""Names as a file can hold them.
-
-    Parameters
-    ----------
-    names : iterable of b str
-        Each different.
-    unfit : str
-        Pattern of the characters that the file cannot hold; an underscore takes their place.
-
-    Returns
-    -------
-    written : tuple of b str
-        Each different.
-    notes : tuple of str
-        One sentence where names were changed.
+    r"""Names as a file can hold them, each different, `unfit` patterns replaced by an underscore; and a note if so.
 
     Examples
     --------

@@ -79,26 +79,7 @@ def write_npy(path: str | os.PathLike, A: np.ndarray) -> None:
 
 
 def npy_array(path: str | os.PathLike, data: bytes, name: str) -> np.ndarray:
-    """The array in the bytes of a `.npy` file, without ever making room for more than these bytes hold.
-
-    Parameters
-    ----------
-    path : str or path
-        The file to name in errors.
-    data : bytes
-        The contents, in version 1, 2 or 3 of the format.
-    name : str
-        What errors call the array.
-
-    Returns
-    -------
-    A : float array
-        Of one to eight dimensions.
-
-    Raises
-    ------
-    FileFormatError
-        If the bytes are not one array of finite numbers, or these take more than 2 GiB in double precision.
+    """The array in the bytes of a `.npy` file [1]_, which never takes more memory than these bytes hold.
 
     References
     ----------

@@ -11,17 +11,7 @@ from nilbs.io.zipped import open_zip, unpacked
 
 
 class NpzFile:
-    """The arrays of a `.npz` file by name (`names`, sorted), each unpacked when it is used.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> path = tempfile.mkdtemp() + "/a.npz"
-    >>> np.savez(path, W=np.eye(2), V=np.zeros((2, 3)))
-    >>> file = NpzFile(path)
-    >>> file.names, file.array("W").tolist()
-    (('V', 'W'), [[1.0, 0.0], [0.0, 1.0]])
-    """
+    """The arrays of a `.npz` file by name (`names`, sorted), each unpacked when it is used."""
 
     def __init__(self, path: str | os.PathLike) -> None:
         self.path = path

@@ -19,28 +19,12 @@ _INDEX = re.compile(rb"[+-]?\d{1,18}(/.*)?")
 
 
 def read_obj(path: str | os.PathLike) -> MeshFile:
-    r"""Read vertices, faces and line elements of an OBJ file.
+    """Read vertices, faces and line elements of an OBJ file.
 
     Corners may be written `v`, `v/vt`, `v//vn` or `v/vt/vn`, with negative indices counting back from the last vertex.
     A line `g` puts the faces after it into groups, one for each of its words, a line `o` into an object besides, whose
     name is the rest of the line; names are UTF-8 or else Latin-1. Materials, textures, normals and colours are left
     out; an unused vertex stays.
-
-    Raises
-    ------
-    FileFormatError
-        With the line, if a vertex has no three finite coordinates or an index is not a whole number from 1 or below 0;
-        without it, if faces are in more than 16 groups each.
-    OSError
-        If the file cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "triangle.obj"
-    >>> _ = path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1//1 2//1 -1//1\n")
-    >>> read_obj(path).faces.corners
-    array([0, 1, 2])
     """
     blocks: list[np.ndarray] = [np.zeros((0, 3))]
     faces, edges, groups = _Corners(path), _Corners(path), _Groups(path)

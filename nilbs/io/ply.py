@@ -37,24 +37,7 @@ class _Element:
 
 
 def read_ply(path: str | os.PathLike) -> MeshFile:
-    r"""Read the vertices, faces and edges of a PLY file.
-
-    Raises
-    ------
-    FileFormatError
-        If the header is none, an element has fewer rows than the header says, or a number is not finite.
-    OSError
-        If the file cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "point.ply"
-    >>> header = "ply\nformat ascii 1.0\nelement vertex 1\n" + "".join(f"property float {c}\n" for c in "xyz")
-    >>> _ = path.write_text(header + "end_header\n1 2 3\n")
-    >>> read_ply(path).V
-    array([[1., 2., 3.]])
-    """
+    """Read the vertices, faces and edges of a PLY file."""
     data = file_bytes(path)
     order, elements, start, line = _header(path, data)
     tables: dict[str, dict[str, np.ndarray]] = {}

@@ -11,17 +11,7 @@ from nilbs.io.errors import FileFormatError
 
 @dataclass(frozen=True)
 class Elements:
-    """Faces or edges as the file lists them.
-
-    Parameters
-    ----------
-    corners : (c,) int array
-        Vertex indices from 0, one element after the other.
-    counts : (e,) int array
-        How many corners each element has.
-    lines : (e,) int array or None
-        Where each element stands, where the file has lines.
-    """
+    """Faces or edges in the order of the file: corners (c,), counts (e,), and lines (e,) if any."""
 
     corners: np.ndarray
     counts: np.ndarray
@@ -34,23 +24,7 @@ class Elements:
 
 @dataclass(frozen=True)
 class MeshFile:
-    """What a mesh file lists.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    V : (n, 3) float array
-        Vertices.
-    faces, edges : Elements
-        Polygons, and segments of lines.
-    first : int
-        The number that the format gives to its first vertex.
-    groups : mapping of str to (g,) int array
-        Faces by the name of their group or object.
-    notes : tuple of str
-        A sentence on everything that the user should know.
-    """
+    """What a mesh file lists; its format gives the number `first` to its first vertex."""
 
     path: str | os.PathLike
     V: np.ndarray
@@ -67,20 +41,7 @@ def no_elements() -> Elements:
 
 
 def check_corners(file: MeshFile, kind: str) -> None:
-    """Check that the corners of elements index vertices.
-
-    Parameters
-    ----------
-    file : MeshFile
-        The file.
-    kind : "face" or "edge"
-        Which of its elements.
-
-    Raises
-    ------
-    FileFormatError
-        Naming the first element at fault.
-    """
+    """Check that the corners of "face" or "edge" elements index vertices."""
     elements = file.faces if kind == "face" else file.edges
     wrong = np.flatnonzero((elements.corners < 0) | (elements.corners >= len(file.V)))
     if len(wrong):

@@ -26,20 +26,9 @@ _WEIGHTS_TOLERANCE = 0.1  # of the median row's sum from one
 
 
 def kind_of(path: str | os.PathLike) -> str:
-    """What a file holds, by its suffix and, where that leaves it open, by its content.
+    """What a file holds: "parts" (what `read_bundle` reads), "weights" or "motion", of bones that are elsewhere.
 
-    Returns
-    -------
-    kind : str
-        "bundle": what `read_bundle` reads. "weights": rows of a mesh whose bones the file does not describe (`.dmat`,
-        `.npz`, `.mhw`). "motion": of bones that the file does not describe (`.dmat`, `.json`).
-
-    Raises
-    ------
-    FileFormatError
-        If the suffix is unknown, or a `.dmat` or `.npz` file cannot be read.
-    OSError
-        If the content decides and cannot be read.
+    The suffix decides, and where it leaves that open the content.
 
     Examples
     --------
@@ -57,19 +46,7 @@ def kind_of(path: str | os.PathLike) -> str:
 def looks_like_weights(A: np.ndarray) -> bool:
     """Whether a matrix is skinning weights and not transforms, which take 12 rows a bone and a column a frame.
 
-    Parameters
-    ----------
-    A : (r, c) float array
-
-    Returns
-    -------
-    weights : bool
-        True where most rows sum to about one, or where A cannot hold transforms.
-
-    Examples
-    --------
-    >>> looks_like_weights(np.full((24, 2), 0.5)), looks_like_weights(np.ones((24, 2)))
-    (True, False)
+    Weights are what cannot hold transforms, and a matrix in which most rows sum to about one.
     """
     return bool(A.size == 0 or len(A) % 12 or np.median(np.abs(A.sum(axis=1) - 1)) < _WEIGHTS_TOLERANCE)
 

@@ -20,40 +20,15 @@ _END = "_end"
 
 
 def read_rignet(path: str | os.PathLike) -> Bundle:
-    r"""Read a rig as RigNet writes it: bones are joints.
+    """Read a rig as RigNet [1]_ writes it: bones are joints.
 
-    Parameters
-    ----------
-    path : str or path
-        The file, lines in any order: `joints NAME x y z`, `root NAME`, `hier PARENT CHILD`, and for a vertex (from 0)
-        `skin VERTEX NAME WEIGHT NAME WEIGHT ...`. A joint without children and without weights that is called as its
-        parent with `_end` behind is where its parent ends, and no bone.
-
-    Returns
-    -------
-    bundle : Bundle
-        The skeleton, the influences where a vertex has any, and notes on joints that became roots.
-
-    Raises
-    ------
-    FileFormatError
-        With the line, if a line is of none of these kinds, a joint is not there, is there twice, has two parents or is
-        its own ancestor, or a number is none.
-    OSError
-        If the file cannot be read.
+    Lines may come in any order: `joints NAME x y z`, `root NAME`, `hier PARENT CHILD`, and for a vertex (from 0)
+    `skin VERTEX NAME WEIGHT NAME WEIGHT ...`. A joint without children and without weights that is called as its
+    parent with `_end` behind is where its parent ends, and no bone. Notes name joints that became roots.
 
     References
     ----------
     .. [1] Xu et al., RigNet: Neural Rigging for Articulated Characters, 2020, arXiv:2005.00559.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "cat_rig.txt"
-    >>> _ = path.write_text("joints hip 0 0 0\njoints tail 0 1 0\nroot hip\nhier hip tail\nskin 0 hip 0.25 tail 0.75\n")
-    >>> parts = read_rignet(path)
-    >>> parts.skeleton.names, parts.skeleton.P, parts.influences.weight
-    (('hip', 'tail'), array([-1,  0]), array([0.25, 0.75]))
     """
     joints: dict[bytes, int] = {}
     positions: list[np.ndarray] = []
@@ -137,43 +112,10 @@ def read_rignet(path: str | os.PathLike) -> Bundle:
 
 
 def write_rignet(path: str | os.PathLike, skeleton: Skeleton, W: np.ndarray | None = None) -> tuple[str, ...]:
-    """Write a rig as RigNet does, with every digit.
+    """Write a rig as RigNet does, with every digit and z = 0 in the plane; return notes on names that were changed.
 
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    skeleton : Skeleton
-        Written with z = 0 where d is 2. A bone that does not end where its children start gets a joint with `_end`
-        behind its name.
-    W : (n, b) float array, optional
-        Weights; those that are zero are not written.
-
-    Returns
-    -------
-    notes : tuple of str
-        A sentence where names were changed: the file holds none with spaces.
-
-    Raises
-    ------
-    ValueError
-        If W has another number of bones, or a bone has the name that the end of another needs.
-    OSError
-        If the file cannot be written.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> path = tempfile.mkdtemp() + "/cat_rig.txt"
-    >>> write_rignet(path, Skeleton([[0, 0], [1, 0]], [[0, 1]], [-1], ["left leg"]), [[1.0]])
-    ("names that the file cannot hold were changed: 'left leg' became 'left_leg'",)
-    >>> with open(path) as file:
-    ...     print(file.read().strip())
-    joints left_leg 0.0 0.0 0.0
-    joints left_leg_end 1.0 0.0 0.0
-    root left_leg
-    hier left_leg left_leg_end
-    skin 0 left_leg 1.0
+    A bone that does not end where its children start gets a joint with `_end` behind its name: ValueError if another
+    bone has that name. Weights W (n, b) that are zero are not written.
     """
     if W is not None:
         (W,) = arrays(W=(W, f"n {len(skeleton.BE)}"))

@@ -15,41 +15,16 @@ _UNSIGNED = 2**31  # a parent from here on is -1 that lost its sign
 
 
 def read_smpl(path: str | os.PathLike) -> Bundle:
-    """Read a body model: its mesh, skeleton and weights.
+    """Read a body model [1]_: the mean body at rest, with bones called joint0, joint1, ...
 
-    Parameters
-    ----------
-    path : str or path
-        A `.npz` file with `v_template` (n, 3), `f` (m, 3), `weights` (n, b), `kintree_table` (2, b), whose first row
-        holds the joints' parents, and the joints: `J_regressor` (b, n), which takes them from the vertices, as one
-        array or as scipy's `J_regressor_data`, `_indices`, `_indptr` and `_shape`, or else `J` (b, 3). Nothing in it
-        is ever run: no pickle is read.
-
-    Returns
-    -------
-    bundle : Bundle
-        The mean body at rest; bones are joints, called joint0, joint1, ..., for these files hold no names as text.
-        Notes say which correctives were left out.
-
-    Raises
-    ------
-    FileFormatError
-        If an array is missing, is a pickle, or does not fit the others, or joints run in a circle.
-    OSError
-        If the file cannot be read.
+    A `.npz` file has `v_template` (n, 3), `f` (m, 3), `weights` (n, b), `kintree_table` (2, b), whose first row holds
+    the joints' parents, and the joints: `J_regressor` (b, n), which takes them from the vertices, as one array or as
+    scipy's `J_regressor_data`, `_indices`, `_indptr` and `_shape`, or else `J` (b, 3). No pickle is read, so nothing in
+    the file is run. Notes list the correctives that are left out.
 
     References
     ----------
     .. [1] Loper et al., SMPL: A skinned multi-person linear model, SIGGRAPH Asia 2015, doi:10.1145/2816795.2818013.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> path = tempfile.mkdtemp() + "/body.npz"
-    >>> body = {"v_template": np.eye(3), "f": [[0, 1, 2]], "weights": np.full((3, 2), 0.5)}
-    >>> np.savez(path, **body, J=np.eye(3)[:2], kintree_table=np.array([[2**32 - 1, 0], [0, 1]]))
-    >>> read_smpl(path).skeleton.P
-    array([-1,  0])
     """
     file = NpzFile(path)
     V = _array(file, "v_template", (None, 3))

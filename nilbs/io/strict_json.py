@@ -13,31 +13,9 @@ _LARGEST = 1e150  # of a number, which JSON writes with any exponent; its square
 
 
 def read_json(path: str | os.PathLike) -> object:
-    """Read a JSON file.
+    """Read a JSON file; FileFormatError if it is none, nested too deep, or has a name twice in one object.
 
-    Parameters
-    ----------
-    path : str or path
-
-    Returns
-    -------
-    value : dict, list, str, int, float, bool or None
-        Numbers as they stand: a whole number may be too large for a float, see `finite_vector`.
-
-    Raises
-    ------
-    FileFormatError
-        With the line, where the text is no JSON; if it is nested too deep, or one object has a name twice.
-    OSError
-        If the file cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "a.json"
-    >>> _ = path.write_text('{"fps": 30}')
-    >>> read_json(path)
-    {'fps': 30}
+    Numbers are as they stand: a whole number may be too large for a float, see `finite_vector`.
     """
     data = file_bytes(path)
     try:
@@ -52,20 +30,7 @@ def read_json(path: str | os.PathLike) -> object:
 
 
 def parse_json(text: str) -> object:
-    """What a text of JSON says, as `read_json` has it.
-
-    Raises
-    ------
-    ValueError
-        Or `json.JSONDecodeError`, which is one, if the text is no JSON or cannot be used.
-    RecursionError
-        If it is nested too deep.
-
-    Examples
-    --------
-    >>> parse_json("[1, null]")
-    [1, None]
-    """
+    """The value of a text of JSON, as `read_json` has it; ValueError or RecursionError if it cannot be used."""
     value = json.loads(text, object_pairs_hook=_object, parse_constant=_constant)
     if "\\u" in text:  # an escape can be half of a pair of code units, which no file and no terminal takes
         json.dumps(value, ensure_ascii=False).encode()
@@ -91,7 +56,7 @@ def finite_vector(value: object, *sizes: int) -> list[float] | None:
 
 
 def plain(value: Any) -> Any:
-    """The same value in types that JSON knows; a number that is not finite is None.
+    """The same value in types that JSON has; a number that is not finite is None.
 
     Examples
     --------

@@ -123,24 +123,9 @@ def write_tgf(path: str | os.PathLike, C: np.ndarray, BE: np.ndarray) -> None:
 
 
 def write_tgf_skeleton(path: str | os.PathLike, skeleton: Skeleton) -> tuple[str, ...]:
-    """Write a skeleton, giving bones joints of their own where its parents do not follow from shared ones.
+    """Write a skeleton; return notes on the names and parents that the file does not hold.
 
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    skeleton : Skeleton
-        Written as it is where every bone but the roots starts at the joint where its parent, and no other bone, ends.
-
-    Returns
-    -------
-    notes : tuple of str
-        Sentences on the names and parents that the file does not hold.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
+    Where a bone does not start at the joint where its parent, and no other bone, ends, it gets a joint of its own.
 
     Examples
     --------

@@ -45,23 +45,7 @@ _TRIANGLES = 2**25  # that they may hold together
 
 
 def read_trimesh(path: str | os.PathLike) -> MeshFile:
-    r"""Read an OFF, STL or 3MF file.
-
-    Raises
-    ------
-    FileFormatError
-        If the file is not what its suffix says, or would take too much memory or time.
-    OSError
-        If it cannot be read.
-
-    Examples
-    --------
-    >>> import tempfile, pathlib
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "triangle.off"
-    >>> _ = path.write_text("OFF\n3 1 0\n0 0 0 # origin\n1 0 0\n0 1 0\n3 0 1 2 255 0 0\n")
-    >>> read_trimesh(path).faces.corners
-    array([0, 1, 2])
-    """
+    """Read an OFF, STL or 3MF file; FileFormatError also if it would take too much memory or time."""
     file = {".off": _read_off, ".stl": _read_stl, ".3mf": _read_3mf}[Path(path).suffix.lower()](path)
     bad = np.flatnonzero(~np.isfinite(file.V).all(axis=1))
     if len(bad):
@@ -70,13 +54,7 @@ def read_trimesh(path: str | os.PathLike) -> MeshFile:
 
 
 def trimesh_bytes(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> bytes:
-    """The content of an OFF, STL or 3MF file of vertices (n, 3) and triangles (m, 3).
-
-    Raises
-    ------
-    ValueError
-        If a coordinate is beyond the numbers of 32 bits that an STL file holds.
-    """
+    """The content of an OFF, STL or 3MF file; ValueError if STL's 32 bits cannot hold a coordinate."""
     suffix = Path(path).suffix.lower()
     size = np.abs(V).max(initial=0)
     if suffix == ".stl" and size > np.finfo(np.float32).max:

@@ -12,26 +12,7 @@ _INTEGER = re.compile(rb"[+-]?\d{1,18}")
 
 
 def finite_numbers(path: str | os.PathLike, words: list[bytes], lines: list[int]) -> np.ndarray:
-    """Decimal numbers, the same count of them from every line.
-
-    Parameters
-    ----------
-    path : str or path
-        The file, for the error.
-    words : list of bytes
-        All words of all lines.
-    lines : list of int
-        The number of each line.
-
-    Returns
-    -------
-    values : (l, w) float array
-        A row a line.
-
-    Raises
-    ------
-    FileFormatError
-        Naming the first word that is no finite number.
+    """Decimal numbers (l, w), the same count of them from every line; FileFormatError with the line of a bad one.
 
     Examples
     --------
@@ -51,33 +32,7 @@ def finite_numbers(path: str | os.PathLike, words: list[bytes], lines: list[int]
 
 
 def whole_numbers(path: str | os.PathLike, words: list[bytes], counts: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Whole numbers, so many of them from every line.
-
-    Parameters
-    ----------
-    path : str or path
-        The file, for the error.
-    words : list of bytes
-        All words of all lines.
-    counts : (l,) int array
-        How many of them are from each line.
-    lines : (l,) int array
-        The number of each line.
-
-    Returns
-    -------
-    values : (w,) int array
-
-    Raises
-    ------
-    FileFormatError
-        Naming the first word that is no whole number of at most 18 digits.
-
-    Examples
-    --------
-    >>> whole_numbers("a.off", [b"1", b"-2"], np.array([2]), np.array([7]))
-    array([ 1, -2])
-    """
+    """Whole numbers (w,) of at most 18 digits, `counts` (l,) of them from each line; FileFormatError with its line."""
     try:
         values = np.array([int(word) for word in words], dtype=np.int64)
         legal = b"_" not in b"".join(words)
