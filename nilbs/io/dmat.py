@@ -9,8 +9,8 @@ from nilbs.geometry.validation import arrays
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
+from nilbs.io.words import finite_numbers
 
-_NUMBER = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _HEADER = re.compile(rb"[ \t\r\n]*(\d{1,18})[ \t]+(\d{1,18})[ \t\r]*(?:\n|$)")
 
 
@@ -118,17 +118,12 @@ def _text(path: str | os.PathLike, data: bytes, start: int, size: int) -> np.nda
         values = np.array([float(word) for word in words[:size]], dtype=np.float64)
     except ValueError:
         values = np.full(0, 0.0)
-    if len(values) == len(words[:size]) and np.isfinite(values).all() and b"_" not in data:
+    if len(values) == len(words[:size]) and np.isfinite(values).all() and b"_" not in b"".join(words[:size]):
         if len(values) < size:
             raise FileFormatError(path, f"the header promises {size} values, the file holds {len(values)}")
         if len(words) > size:
             raise FileFormatError(path, f"the file goes on after the {size} values that its header promises")
         return values
-    raise _first_bad_word(path, data, start)
-
-
-def _first_bad_word(path: str | os.PathLike, data: bytes, start: int) -> FileFormatError:
-    lines = enumerate(data[start:].split(b"\n"), data.count(b"\n", 0, start) + 1)
-    words = ((line, word) for line, text in lines for word in text.split())
-    line, word = next((n, w) for n, w in words if not _NUMBER.fullmatch(w) or not np.isfinite(float(w)))
-    return FileFormatError(path, f"{word[:40].decode('ascii', 'replace')!r} is not a finite number", line)
+    first = data.count(b"\n", 0, start) + 1
+    lines = [number for number, line in enumerate(data[start:].split(b"\n"), first) for _ in line.split()]
+    return finite_numbers(path, words[:size], lines[:size])  # raises, with the line

@@ -13,6 +13,7 @@ import numpy as np
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.names import printable
+from nilbs.io.strict_json import json_errors, no_constant
 
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -256,16 +257,8 @@ class Document:
         return chunks[0][1], chunks[1][1] if len(chunks) > 1 and chunks[1][0] == _BINARY_CHUNK else None
 
     def _json(self, text: memoryview) -> dict[str, Any]:
-        try:
-            root = json.loads(bytes(text).decode("utf-8-sig"), parse_constant=_constant)
-        except json.JSONDecodeError as error:
-            line = error.lineno if len(text) == self.size else None
-            raise FileFormatError(self.path, f"this is no JSON: {error.msg}", line) from None
-        except RecursionError:
-            raise self.error("the JSON is nested too deep") from None
-        # Bytes that are no text, NaN, and whole numbers of thousands of digits.
-        except ValueError as error:
-            raise self.error(f"this is no JSON of glTF: {str(error)[:120]}") from None
+        with json_errors(self.path, lines=len(text) == self.size):
+            root = json.loads(bytes(text).decode("utf-8-sig"), parse_constant=no_constant)
         return self._object(root, "the file")
 
     def _object(self, value: object, where: str) -> dict[str, Any]:
@@ -283,7 +276,3 @@ def _whole(value: object, below: int) -> int | None:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     return value if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < below else None
-
-
-def _constant(name: str) -> object:
-    raise ValueError(f"{name} is not a finite number")

@@ -2,7 +2,6 @@
 
 import codecs
 import os
-import re
 from array import array
 
 import numpy as np
@@ -10,12 +9,11 @@ import numpy as np
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
 from nilbs.io.polygons import Elements, MeshFile
-from nilbs.io.words import finite_numbers
+from nilbs.io.words import finite_numbers, whole_numbers
 
 # x y z, then a weight, a colour or both: never used.
 _VERTEX_LENGTHS = (4, 5, 7, 8)
 _GROUPS_PER_FACE = 16
-_INDEX = re.compile(rb"[+-]?\d{1,18}(/.*)?")
 
 
 def read_obj(path: str | os.PathLike) -> MeshFile:
@@ -91,17 +89,13 @@ class _Corners:
         self.seen.append(seen)
 
     def convert(self) -> None:
-        words = self.words
         counts = np.array(self.counts, np.int64)
         lines = np.array(self.lines, np.int64)
-        indices = [word.partition(b"/")[0] for word in words] if b"/" in b"".join(words) else words
-        try:
-            corners = np.array([int(index) for index in indices], np.int64)
-            legal = bool((corners != 0).all()) and b"_" not in b"".join(indices)  # int() reads 1_0 as 10
-        except (ValueError, OverflowError):
-            legal = False
-        if not legal:
-            raise self._first_bad(counts, lines)
+        corners = whole_numbers(self.path, [word.partition(b"/")[0] for word in self.words], counts, lines)
+        zero = np.flatnonzero(corners == 0)
+        if len(zero):
+            line = int(lines[np.searchsorted(np.cumsum(counts), zero[0], side="right")])
+            raise FileFormatError(self.path, "0 is not a vertex: vertices count from 1", line)
         corners = np.where(corners < 0, corners + np.repeat(np.array(self.seen, np.int64), counts), corners - 1)
         self.blocks.append((corners, counts, lines))
         self.words, self.counts, self.lines, self.seen = [], [], [], []
@@ -109,14 +103,6 @@ class _Corners:
     def elements(self) -> Elements:
         corners, counts, lines = (np.concatenate(parts) for parts in zip(*self.blocks, strict=True))
         return Elements(corners, counts, lines)
-
-    def _first_bad(self, counts: np.ndarray, lines: np.ndarray) -> FileFormatError:
-        bad = next(
-            i for i, word in enumerate(self.words) if not _INDEX.fullmatch(word) or int(word.partition(b"/")[0]) == 0
-        )
-        line = int(lines[np.searchsorted(np.cumsum(counts), bad, side="right")])
-        word = self.words[bad][:40].decode("ascii", "replace")
-        return FileFormatError(self.path, f"{word!r} is not a vertex index; vertices count from 1", line)
 
 
 class _Groups:

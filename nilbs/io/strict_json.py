@@ -3,7 +3,8 @@
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from nilbs.io.bounded import file_bytes
@@ -17,13 +18,21 @@ def read_json(path: str | os.PathLike) -> object:
 
     Numbers are as they stand: a whole number may be too large for a float, see `finite_vector`.
     """
-    data = file_bytes(path)
+    with json_errors(path):
+        return parse_json(file_bytes(path).decode("utf-8-sig"))
+
+
+@contextmanager
+def json_errors(path: str | os.PathLike, *, lines: bool = True) -> Iterator[None]:
+    """Report what is wrong with a text of JSON as an error of the file."""
     try:
-        return parse_json(data.decode("utf-8-sig"))
+        yield
     except json.JSONDecodeError as error:
-        raise FileFormatError(path, f"this is no JSON: {error.msg}", error.lineno) from None
+        raise FileFormatError(path, f"this is no JSON: {error.msg}", error.lineno if lines else None) from None
     except RecursionError:
         raise FileFormatError(path, "the JSON is nested too deep") from None
+    except FileFormatError:
+        raise
     # Bytes that are no text, names given twice, NaN, and whole numbers of thousands of digits.
     except ValueError as error:
         raise FileFormatError(path, f"this JSON cannot be used: {str(error)[:120]}") from None
@@ -31,7 +40,7 @@ def read_json(path: str | os.PathLike) -> object:
 
 def parse_json(text: str) -> object:
     """The value of a text of JSON, as `read_json` has it; ValueError or RecursionError if it cannot be used."""
-    value = json.loads(text, object_pairs_hook=_object, parse_constant=_constant)
+    value = json.loads(text, object_pairs_hook=_object, parse_constant=no_constant)
     if "\\u" in text:  # an escape can be half of a pair of code units, which no file and no terminal takes
         json.dumps(value, ensure_ascii=False).encode()
     return value
@@ -83,5 +92,6 @@ def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return found
 
 
-def _constant(name: str) -> object:
+def no_constant(name: str) -> object:
+    """Refuse NaN and infinity."""
     raise ValueError(f"{name} is not a finite number")

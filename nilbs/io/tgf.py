@@ -12,6 +12,7 @@ from nilbs.geometry.validation import arrays, check_indices, listed
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
+from nilbs.io.joints import joint_in_circle
 from nilbs.io.words import finite_numbers
 
 _INDEX = re.compile(rb"\d{1,9}")
@@ -186,16 +187,6 @@ def _check_tree(path: str | os.PathLike, BE: np.ndarray, names: list[int], lines
             message = f"joint {names[tip]} is the end of two bones, here and in line {lines[into[tip]]}"
             raise FileFormatError(path, message, lines[bone])
         into[tip] = bone
-    safe: set[int] = set()
-    for bone in range(len(BE)):
-        path_up: set[int] = set()
-        at = bone
-        while at not in safe:
-            if at in path_up:
-                raise FileFormatError(path, "bones run in a circle", lines[bone])
-            path_up.add(at)
-            base = int(BE[at, 0])
-            if base not in into:
-                break
-            at = into[base]
-        safe |= path_up
+    circle = joint_in_circle(np.array([into.get(base, -1) for base in BE[:, 0].tolist()]))
+    if circle is not None:
+        raise FileFormatError(path, "bones run in a circle", lines[circle])

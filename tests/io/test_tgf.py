@@ -57,7 +57,7 @@ TWO = "1 0 0 0\n2 1 0 0\n"
         (TWO + "#\n1 -2\n", ":4: a bone needs"),
         (TWO + "#\n2 2\n", ":4: bones run in a circle"),
         (TWO + "#\n1 2\n2 1\n", ":4: bones run in a circle"),
-        (TWO + "3 1 1 0\n4 2 2 2\n#\n1 2\n2 3\n3 1\n3 4\n", ":6: bones run in a circle"),
+        (TWO + "3 1 1 0\n4 2 2 2\n#\n1 2\n2 3\n3 1\n3 4\n", ":7: bones run in a circle"),
         (TWO + "3 1 1 0\n#\n1 3\n\n2 3\n", ":7: joint 3 is the end of two bones, here and in line 5"),
         (TWO + "#\n1 \0\n", ":4: binary data"),
     ],
