@@ -303,7 +303,7 @@ def _hierarchy_text(
     children: dict[int, list[int]] = {}
     for bone, parent in enumerate(skeleton.P.tolist()):
         children.setdefault(parent, []).append(bone)
-    end, said = written_ends(skeleton)
+    end, needed = written_ends(skeleton)
     end = end - first_joints(skeleton)
     lines: list[str] = []
     order: list[int] = []
@@ -317,7 +317,7 @@ def _hierarchy_text(
         positions = "6 Xposition Yposition Zposition" if moved[bone] else "3"
         lines += [f"{tab}{'JOINT' if tab else 'ROOT'} {names[bone]}", f"{tab}{{", f"{tab}\tOFFSET {_xyz(offset[bone])}"]
         lines.append(f"{tab}\tCHANNELS {positions} Zrotation Xrotation Yrotation")
-        if said[bone] or bone not in children:
+        if needed[bone] or bone not in children:
             lines += [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {_xyz(end[bone])}", f"{tab}\t}}"]
         todo.append((-1, tab))
         todo += [(child, tab + "\t") for child in reversed(children.get(bone, []))]

@@ -30,7 +30,7 @@ def read_dmat(path: str | os.PathLike) -> np.ndarray:
     Raises
     ------
     FileFormatError
-        If there is no header, a word is not a finite number, or there are fewer or more values than the header says.
+        If there is no header, a word is not a finite number, or there are other than the promised number of values.
     OSError
         If the file cannot be read.
 

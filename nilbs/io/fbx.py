@@ -82,8 +82,8 @@ def _convert(path: str | os.PathLike, blender: str, folder: Path) -> None:
             raise FileFormatError(path, f"Blender was stopped: it took more than {_SECONDS} s") from None
         if done.returncode or not (folder / "copy.glb").is_file():
             log.seek(max(log.seek(0, os.SEEK_END) - 4000, 0))
-            said = [line for line in log.read().decode("utf-8", "replace").splitlines() if line.strip()]
-            # A report of Python's ends with the error; then Blender says that the script failed and that it quits.
-            errors = [line for line in said if "Error" in line and "script failed" not in line]
-            last = printable((errors or said or ["nothing"])[-1].strip()[:200])
-            raise FileFormatError(path, f"Blender could not convert it, and said: {last}")
+            output = [line for line in log.read().decode("utf-8", "replace").splitlines() if line.strip()]
+            # A report of Python's ends with the error; then Blender adds that the script failed and that it quits.
+            errors = [line for line in output if "Error" in line and "script failed" not in line]
+            last = printable((errors or output or ["nothing"])[-1].strip()[:200])
+            raise FileFormatError(path, f"Blender could not convert it: {last}")

@@ -41,10 +41,10 @@ def read_gltf(path: str | os.PathLike) -> Bundle:
     rig = read_rig(file, nodes)
     animations, notes = read_animations(file, nodes, list(rig.bone))
     found = clips(file, nodes, rig, animations)
-    mesh, influences, said = read_meshes(file, nodes, rig)
+    mesh, influences, more = read_meshes(file, nodes, rig)
     if mesh is None and rig.skeleton is None:
         raise file.error("it holds neither a mesh of triangles nor a skin")
-    notes = rig.notes + notes + said
+    notes = rig.notes + notes + more
     if _posed(nodes, rig, mesh):
         notes.append("its nodes do not stand in the pose at binding; that one is the rest pose")
     return Bundle(mesh, rig.skeleton, influences, found, tuple(dict.fromkeys(notes)))

@@ -52,7 +52,7 @@ class Document:
                 raise self.error(f"it requires the extension {name[:80]}, which is not read: export it without")
 
     def error(self, message: str) -> FileFormatError:
-        """The error that says this of the file."""
+        """An error of this file."""
         return FileFormatError(self.path, message)
 
     def entries(self, kind: str) -> list[dict[str, Any]]:

@@ -92,7 +92,7 @@ def read_rig(file: Document, nodes: Nodes) -> Rig:
 def _skeleton(
     nodes: Nodes, bone: dict[int, int], rest: np.ndarray, above: np.ndarray
 ) -> tuple[Skeleton, tuple[str, ...]]:
-    """The skeleton, and what was said of its names."""
+    """The skeleton, and notes on its names."""
     names, renamed = unique_names(nodes.names[joint] or f"bone{b}" for joint, b in bone.items())
     parents = np.array([bone.get(int(above[joint]), -1) for joint in bone])
     ends: dict[int, np.ndarray] = {}

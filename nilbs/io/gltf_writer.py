@@ -213,9 +213,9 @@ def _write_skeleton(
     nodes = output.root["nodes"]
     for bone, parent in enumerate(skeleton.P.tolist()):
         nodes[above if parent < 0 else first + parent]["children"].append(first + bone)
-    end, said = written_ends(skeleton)
+    end, needed = written_ends(skeleton)
     # A bone without length has no end to write, though the reader may give it one.
-    for bone in np.flatnonzero(said & (skeleton.BE[:, 0] != skeleton.BE[:, 1])).tolist():
+    for bone in np.flatnonzero(needed & (skeleton.BE[:, 0] != skeleton.BE[:, 1])).tolist():
         place = (Q[bone].T @ (end[bone] - offset - joints[bone])).tolist()
         nodes[first + bone]["children"].append(output.node(name=f"{skeleton.names[bone]}_end", translation=place))
     bind = np.tile(np.eye(4), (len(Q), 1, 1))
@@ -233,7 +233,7 @@ def _write_skeleton(
         off = float(move.off[:, worst].max(initial=0)) / size
         if off > 1e-5:
             notes.append(
-                f"clip {clip.name!r} shears bones, which glTF cannot say: {skeleton.names[worst]!r} is off by up to "
+                f"clip {clip.name!r} shears bones, which glTF cannot hold: {skeleton.names[worst]!r} is off by up to "
                 f"{100 * off:.2g} % of the size"
             )
         _write_animation(output, clip, move, sorted(used) or [(0, "rotation")], first, notes)

@@ -47,5 +47,5 @@ def skeleton_with_ends(
     An end at the place of a joint without children means only that the bone has no length.
     """
     inner = set(parents.tolist())
-    said = {joint: end for joint, end in ends.items() if joint in inner or (end != positions[joint]).any()}
-    return skeleton_of_joints(positions, parents, names, ends=said)
+    given = {joint: end for joint, end in ends.items() if joint in inner or (end != positions[joint]).any()}
+    return skeleton_of_joints(positions, parents, names, ends=given)

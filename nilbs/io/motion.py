@@ -165,19 +165,20 @@ def read_motion_json(path: str | os.PathLike, names: Sequence[str] | None = None
     bones = {name: b for b, name in enumerate(names)}
     if len(frames) * len(bones) > _POSES:
         raise FileFormatError(path, f"{len(frames)} frames of {len(bones)} bones are too many")
-    parts = _Parts(len(frames), len(bones), d)
+    filled = _Arrays(len(frames), len(bones), d)
     for t, frame in enumerate(frames):
         for name, value in frame.items():
             if name == _TIME:
                 continue
             if name != _ROOT and name not in bones:
                 raise FileFormatError(path, f"frame {t}: the rig has no bone {name[:80]!r}")
-            wrong = parts.put_root(t, value) if name == _ROOT else parts.put(t, bones[name], value)
+            wrong = filled.put_root(t, value) if name == _ROOT else filled.put(t, bones[name], value)
             if wrong:
                 raise FileFormatError(path, f"frame {t}, {name[:80]}: {wrong}")
+    made = filled.made
     return LocalMotion(
-        tuple(names), np.radians(parts.degrees), parts.root, parts.translation, parts.scale, parts.given,
-        _times(path, frames, fps),
+        tuple(names), np.radians(made["rotation"]), filled.root, made.get("translation"), made.get("scale"),
+        made.get("matrix"), _times(path, frames, fps),
     )  # fmt: skip
 
 
@@ -254,16 +255,21 @@ def write_motion_json(
         file.write('{"frames": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
 
 
-class _Parts:
-    """The arrays of a motion, filled entry by entry; what no entry needs is never made."""
+class _Arrays:
+    """The arrays of a motion, filled entry by entry; those that no entry needs are never made."""
 
     def __init__(self, t: int, b: int, d: int) -> None:
         self.t, self.b, self.d, self.r = t, b, d, 1 if d == 2 else 3
-        self.degrees = np.zeros((t, b, self.r))
         self.root = np.zeros((t, d))
-        self.translation: np.ndarray | None = None
-        self.scale: np.ndarray | None = None
-        self.given: np.ndarray | None = None
+        self.made = {"rotation": np.zeros((t, b, self.r))}
+
+    def of(self, key: str) -> np.ndarray:
+        """The array of a kind of entries, all at rest at first."""
+        if key not in self.made:
+            d = self.d
+            shape = (self.t, self.b, d + 1, d + 1) if key == "matrix" else (self.t, self.b, d)
+            self.made[key] = np.full(shape, {"translation": 0.0, "scale": 1.0, "matrix": np.nan}[key])
+        return self.made[key]
 
     def put_root(self, t: int, value: object) -> str | None:
         """Set the roots' translation in a frame; what is wrong with the value, if anything is."""
@@ -290,16 +296,7 @@ class _Parts:
                 angles = "one angle" if self.r == 1 else "three angles"
                 wanted = {"rotation": angles, "translation": f"{self.d} finite numbers as translation"}
                 return f"expected {wanted.get(key, f'1 or {self.d} finite numbers as scale')}, got {_shown(part)}"
-            if key == "rotation":
-                self.degrees[t, bone] = numbers
-            elif key == "translation":
-                if self.translation is None:
-                    self.translation = np.zeros((self.t, self.b, self.d))
-                self.translation[t, bone] = numbers
-            else:
-                if self.scale is None:
-                    self.scale = np.ones((self.t, self.b, self.d))
-                self.scale[t, bone] = numbers
+            self.of(key)[t, bone] = numbers
         return None
 
     def _put_matrix(self, t: int, bone: int, value: object) -> str | None:
@@ -308,9 +305,7 @@ class _Parts:
         if len(rows) != size or None in rows or rows[-1] != [0.0] * self.d + [1.0]:
             last = [0] * self.d + [1]
             return f"a matrix takes {size} rows of {size} finite numbers, the last {last}, got {_shown(value)}"
-        if self.given is None:
-            self.given = np.full((self.t, self.b, size, size), np.nan)
-        self.given[t, bone] = rows
+        self.of("matrix")[t, bone] = rows
         return None
 
 
@@ -348,7 +343,7 @@ def _times(path: str | os.PathLike, frames: list[dict], fps: float | None) -> np
 
 
 def _dimension(name: str, value: object) -> int | None:
-    """The dimension that an entry is written for, where it tells."""
+    """The dimension that an entry is written for, if it shows."""
     if isinstance(value, dict):
         if isinstance(value.get("matrix"), list):
             return 2 if len(value["matrix"]) == 3 else 3

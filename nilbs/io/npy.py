@@ -1,4 +1,4 @@
-"""NumPy's `.npy` files of numbers, read without pickle and without trust in what their header claims."""
+"""NumPy's `.npy` files of numbers, read without pickle; the size that a header claims is checked."""
 
 import math
 import os

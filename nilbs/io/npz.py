@@ -1,4 +1,4 @@
-"""NumPy's `.npz` archives of numbers, read without pickle and without trust in the sizes that they claim."""
+"""NumPy's `.npz` archives of numbers, read without pickle; the sizes that they claim are checked."""
 
 import os
 

@@ -112,7 +112,7 @@ class _Groups:
         self.path = path
         self.named: dict[bytes, list[bytes]] = {b"g": [], b"o": []}  # what holds for the faces that follow
         self.states: dict[tuple[bytes, ...], int] = {(): 0}
-        self.state: int | None = 0  # None until the next face asks for it
+        self.state: int | None = 0  # None until the next face needs it
         self.of_face = array("i")
 
     def change(self, kind: bytes, words: list[bytes]) -> None:

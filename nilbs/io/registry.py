@@ -1,4 +1,4 @@
-"""Which file holds what, and the one reader of everything that tells its own mesh, bones, painted weights or motion."""
+"""Which file holds what, and one reader of all files that describe their own mesh, bones, weights or motion."""
 
 import os
 from pathlib import Path

@@ -123,13 +123,13 @@ def write_rignet(path: str | os.PathLike, skeleton: Skeleton, W: np.ndarray | No
     P = skeleton.P.tolist()
     taken, inner = set(names), set(P)
     start = first_joints(skeleton)
-    end, said = written_ends(skeleton)
+    end, needed = written_ends(skeleton)
     joints = list(zip(names, start.tolist(), strict=True))
     below = [(names[parent], name) for name, parent in zip(names, P, strict=True) if parent >= 0]
     for bone, name in enumerate(names):
         # A bone that looks like the end of its parent is a bone again where it has an end of its own.
         alike = P[bone] >= 0 and bone not in inner and name == names[P[bone]] + _END
-        if said[bone] or alike:
+        if needed[bone] or alike:
             if name + _END in taken:
                 raise ValueError(
                     f"bone {name!r} needs a joint {name + _END!r} where it ends: rename the bone so called"

@@ -60,7 +60,7 @@ def _motion(path: Path) -> object:
         read_motion_json(path, BONES, 2)
     motion = read_motion_json(path)
     given = np.zeros(0) if motion.given is None else motion.given
-    return dataclasses.replace(motion, given=given[~np.isnan(given)])  # NaN says that there is no transform
+    return dataclasses.replace(motion, given=given[~np.isnan(given)])  # NaN means that there is no transform
 
 
 def _archive(path: Path) -> object:

@@ -58,14 +58,14 @@ def test_the_copy_is_read(tmp_path, character, blender, monkeypatch):
 @pytest.mark.parametrize(
     ("script", "message"),
     [
-        ("exit 3", "Blender could not convert it, and said: nothing"),
-        ("exit 0", "Blender could not convert it, and said: nothing"),
-        ("echo one; echo two; exit 1", "and said: two"),
+        ("exit 3", "Blender could not convert it: nothing"),
+        ("exit 0", "Blender could not convert it: nothing"),
+        ("echo one; echo two; exit 1", "convert it: two"),
         (
             "echo Traceback; echo 'ValueError: no\033[1m mesh' >&2; echo 'Blender quit'; exit 3",
             "ValueError: no?[1m mesh",
         ),
-        ("yes | head -c 1000000; echo; echo Error: last; exit 1", "and said: Error: last"),
+        ("yes | head -c 1000000; echo; echo Error: last; exit 1", "convert it: Error: last"),
         ('echo nonsense > "$target"', "Blender's copy of it as GLB: "),
         ("exec sleep 20", "Blender was stopped: it took more than 0.5 s"),
     ],

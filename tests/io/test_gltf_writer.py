@@ -140,7 +140,7 @@ def test_quaternions_do_not_jump():
     np.testing.assert_allclose(q[:, [2, 3]], np.stack([np.sin(angle / 2), np.cos(angle / 2)], axis=1), atol=1e-12)
 
 
-def test_shear_is_written_as_close_as_it_goes_and_said(tmp_path):
+def test_shear_is_written_as_close_as_it_goes_and_noted(tmp_path):
     skeleton = Skeleton([[0, 0, 0], [1, 0, 0]], [[0, 1]], [-1], ("a",))
     B = np.tile(np.eye(4), (2, 1, 1, 1))
     B[1, 0, :3, :3] = [[1, 0.5, 0], [0, 1, 0], [0, 0, 2]]
@@ -149,7 +149,7 @@ def test_shear_is_written_as_close_as_it_goes_and_said(tmp_path):
     ones = Influences(np.arange(3), np.zeros(3, int), np.ones(3))
     back, notes = written(tmp_path, Bundle(mesh, skeleton, ones, (Clip("bend", skeleton, np.arange(2.0), B),)))
     (note,) = notes
-    assert note.startswith("clip 'bend' shears bones, which glTF cannot say: 'a' is off by up to ")
+    assert note.startswith("clip 'bend' shears bones, which glTF cannot hold: 'a' is off by up to ")
     off = np.abs(back.clips[0].B[:, 0, :3, :3] - B[:, 0, :3, :3]).max()
     assert float(note.split()[-5]) / 100 == pytest.approx(off, rel=0.05)
     assert 0.01 < off < 0.5

@@ -164,7 +164,7 @@ def test_obj_errors_name_file_and_line(obj, text, message):
 @pytest.mark.parametrize("rows_at_once", [1, 2**16])
 def test_ply_forms(ply, form, mixed, rows_at_once, monkeypatch):
     monkeypatch.setattr("nilbs.io.ply._ROWS", rows_at_once)
-    # Properties and elements that nobody asked for stand between; faces of equal and of different lengths.
+    # Properties and elements that are not read stand between; faces of equal and of different lengths.
     header = (
         "comment made by hand\nobj_info none\nelement camera 1\nproperty double fov\n"
         "element vertex 4\nproperty uchar red\nproperty double x\nproperty float y\nproperty short z\n"

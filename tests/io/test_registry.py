@@ -1,4 +1,4 @@
-"""What a file holds is told by its suffix, and by its content where the suffix leaves it open."""
+"""The suffix of a file, and its content where the suffix leaves that open, decide what it holds."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from nilbs.io.registry import READABLE, WRITABLE, kind_of
 
 @pytest.mark.parametrize("suffix", [".dmat", ".npz"])
 def test_weights_are_told_from_a_motion_by_their_row_sums(tmp_path, suffix):
-    # 24 rows are a motion of two bones, if the numbers do not tell otherwise.
+    # 24 rows are a motion of two bones, unless the numbers look like weights.
     path = tmp_path / f"a{suffix}"
     write_weights(path, np.full((24, 2), 0.5))
     assert kind_of(path) == "weights"

@@ -61,7 +61,7 @@ def test_names_of_any_bytes(rig):
     assert parts.influences is None
 
 
-def test_several_roots_are_said(rig):
+def test_several_roots_are_noted(rig):
     parts = rig(CAT + "joints hat 5 5 5\njoints brim 6 5 5\nhier hat brim\n")
     assert parts.skeleton.P.tolist() == [-1, 0, 1, 0, -1, 4]
     assert parts.notes == ("joints without a parent, taken as roots: 'hat'",)

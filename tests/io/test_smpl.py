@@ -73,7 +73,7 @@ def test_joints_in_every_form(smpl, rng, form):
     assert np.abs(smpl(arrays).skeleton.C - C).max() < 1e-15
 
 
-def test_correctives_are_left_out_and_said(smpl, rng):
+def test_correctives_are_left_out_and_noted(smpl, rng):
     arrays = body(rng) | {"posedirs": np.zeros((9, 3, 27)), "shapedirs": np.zeros((9, 3, 10))}
     parts = smpl(arrays | {"joint2num": np.array({"pelvis": 0}, dtype=object)})
     assert parts.notes == ("posedirs and shapedirs left out: the body bends by its weights alone, without correctives",)

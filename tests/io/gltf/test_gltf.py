@@ -12,7 +12,7 @@ from .files import TRIANGLE, File, animate, matrix, quaternion, worlds
 
 
 def skin_vertices(G, joints, bind, J, W, v):
-    """What the specification says of a skin, as loops."""
+    """The specification of a skin, as loops."""
     posed = np.zeros((len(v), 3))
     for i in range(len(v)):
         for j, w in zip(J[i], W[i], strict=True):
