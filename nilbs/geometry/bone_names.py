@@ -51,16 +51,7 @@ _EDGES = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)
 
 
 class BoneName(NamedTuple):
-    """What a name says.
-
-    Attributes
-    ----------
-    side : str
-        "l", "r" or "".
-    part : str
-        Of a body, in the words of this module; or whatever word the name holds. "" where it holds none.
-    numbers : tuple of int
-    """
+    """Parts of a bone's name: side "l", "r" or ""; part of a body, or the name's own word, or ""; numbers."""
 
     side: str
     part: str
@@ -68,15 +59,7 @@ class BoneName(NamedTuple):
 
 
 def bone_name(name: str) -> BoneName:
-    """Take a name apart.
-
-    Parameters
-    ----------
-    name : str
-
-    Returns
-    -------
-    parts : BoneName
+    """Side, part and numbers of a bone's name.
 
     Examples
     --------
@@ -112,16 +95,7 @@ def bone_name(name: str) -> BoneName:
 
 
 def matching_bones(source: Skeleton, target: Skeleton) -> dict[int, int]:
-    """Bones of two skeletons that belong together, by their names and by the order of bones with like names.
-
-    Parameters
-    ----------
-    source, target : Skeleton
-
-    Returns
-    -------
-    pairs : dict of int to int
-        Bone of the target to bone of the source.
+    """Pairs of bones, target to source: names of one meaning, in the order of their chains.
 
     Examples
     --------

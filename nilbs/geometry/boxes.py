@@ -8,21 +8,10 @@ _CHUNK = 2**18  # pairs looked at together
 
 
 def overlapping_boxes(lower: np.ndarray, upper: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Iterate over the pairs of boxes that overlap.
+    """Iterate over the pairs of boxes that overlap, as arrays first and second (p,), each pair once.
 
-    Parameters
-    ----------
-    lower, upper : (m, d) float arrays
-        Corners of the boxes; m is at least 1.
-
-    Yields
-    ------
-    first, second : (p,) int arrays
-        Some of the pairs, each pair once.
-
-    Notes
-    -----
-    A tree halves the boxes by their middles, and two walk down it together: time m log m where each box overlaps few.
+    The boxes are given by their corners (m, d), m at least 1. A tree halves the boxes by their middles, and two copies
+    of it are walked together: time m log m if each box overlaps few others.
 
     Examples
     --------

@@ -34,18 +34,9 @@ MARGIN = 3e-3  # of the diagonal: a point of a bone this near to the skin, or to
 
 @dataclass(frozen=True)
 class Domain:
-    """A volume mesh to solve weights in.
+    """A volume mesh V, T to solve weights in.
 
-    Attributes
-    ----------
-    V : (n', d) float array
-        Vertices; those of its boundary, as it was filled, come first.
-    T : (t, d+1) int array
-        Positively oriented elements.
-    surface : int
-        How many of the first vertices are the boundary's.
-    notes : tuple of str
-        A sentence on everything that was done because the mesh asked for it.
+    The first `surface` vertices are its boundary's. `notes` holds a sentence on every repair that the mesh needed.
     """
 
     V: np.ndarray
@@ -55,27 +46,11 @@ class Domain:
 
 
 def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarseness: float = 1.0) -> Domain:
-    """Fill a mesh with elements, whatever state it is in.
+    """Fill a mesh of triangles (m, 3) with elements, whatever state it is in.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices.
-    E : (m, 3) int array
-        Triangles: those that fill the shape in the plane, those of its surface in space.
-    points : (s, d) float array
-        Where vertices are wanted; those that lie inside become vertices of a volume in space that can be filled so.
-    coarseness : float
-        By how much elements may be larger, and worse in shape, than usual; surfaces keep their triangles.
-
-    Returns
-    -------
-    domain : Domain
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree, there is no triangle, or none has any area.
+    The triangles fill the shape in the plane, or are its surface in space. Those of the points (s, d) that lie inside
+    become vertices, except in blocks. With a larger `coarseness` elements may be larger, and worse in shape; surfaces
+    keep their triangles.
 
     Notes
     -----
@@ -121,23 +96,9 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarsenes
 
 
 def welded(V: np.ndarray, E: np.ndarray, *, tolerance: float = WELD) -> tuple[np.ndarray, np.ndarray]:
-    """Mesh in which vertices at one place are one vertex, and no face is collapsed or repeated.
+    """Mesh in which vertices at one place are one vertex, and no face (m, k) is collapsed or repeated.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices.
-    E : (m, k) int array
-        Faces.
-    tolerance : float
-        Vertices are one if their coordinates round to the same multiples of it.
-
-    Returns
-    -------
-    V_welded : (n', d) float array
-        The vertices that faces use, in their order.
-    E_welded : (m', k) int array
-        Of faces over the same vertices the first stays.
+    Vertices are the same if their coordinates round to the same multiples of the tolerance; used ones keep their order.
 
     Examples
     --------
@@ -236,21 +197,10 @@ def _well_inside(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> np.ndarray
 
 
 def blocks(grid: Grid, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Tetrahedra that fill the cells of a grid with a corner inside.
+    """Tetrahedra V, T that fill the cells of a grid in space with a corner of negative level.
 
-    Parameters
-    ----------
-    grid : Grid
-        In space.
-    levels : float array of shape grid.shape
-        Negative inside.
-
-    Returns
-    -------
-    V : (n, 3) float array
-        Vertices, those of the boundary first.
-    T : (t, 4) int array
-        Positively oriented: six a cell, Kuhn's subdivision, which agrees across neighbouring cells.
+    Vertices of the boundary come first. Six tetrahedra a cell, Kuhn's subdivision, which agrees across neighbouring
+    cells.
 
     Examples
     --------

@@ -58,18 +58,9 @@ def field_surface(
 def node_levels(
     values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]], grid: Grid, *, stride: int
 ) -> tuple[np.ndarray, int]:
-    """Levels at the nodes of a grid, exact near the surface and of the right sign elsewhere.
+    """Levels at all nodes, exact near the surface and of the right sign elsewhere; and how many nodes were queried.
 
-    Parameters
-    ----------
-    values, grid, stride
-        As for `field_surface`.
-
-    Returns
-    -------
-    levels : array of shape grid.shape
-    asked : int
-        At how many nodes the field was asked.
+    The parameters are those of `field_surface`.
 
     Examples
     --------

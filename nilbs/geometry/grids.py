@@ -143,34 +143,11 @@ class Grid:
         return int(np.prod(self.shape))
 
     def points(self) -> np.ndarray:
-        """All nodes.
-
-        Returns
-        -------
-        x : (size, d) float array
-            In mesh units; ``values.reshape(grid.shape)`` gives values at these points their place.
-        """
+        """All nodes (size, d); ``values.reshape(grid.shape)`` gives values at these points their place."""
         return self._nodes(0, self.size)
 
     def chunks(self, size: int) -> Iterator[tuple[slice, np.ndarray]]:
-        """All nodes in pieces, so that memory stays bounded.
-
-        Parameters
-        ----------
-        size : int
-            Number of nodes in a piece; the last may hold fewer.
-
-        Yields
-        ------
-        part : slice
-            Place of the piece among :meth:`points`.
-        x : (at most size, d) float array
-            The nodes, in mesh units.
-
-        Raises
-        ------
-        ValueError
-            If size is not positive.
+        """All nodes in pieces of at most `size`, each after its slice among :meth:`points`.
 
         Examples
         --------

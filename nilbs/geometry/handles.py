@@ -13,16 +13,9 @@ from nilbs.geometry.validation import arrays, listed
 class BoneConditions:
     """Known weights of a volume mesh.
 
-    Attributes
-    ----------
-    fixed : (f,) int array
-        Vertices whose weights are known, ascending.
-    W_fixed : (f, b) float array
-        Rows on the simplex: bones that hold one vertex share it equally.
-    outside : (o,) int array
-        Bones without a place inside, which hold the nearest vertices instead.
-    away : (a,) int array
-        Bones further outside than the reach, which hold nothing.
+    Vertices `fixed` (f,), ascending, have the weights `W_fixed` (f, b): bones that hold one vertex share it equally.
+    Bones `outside` (o,) have no point inside the volume and hold the nearest vertices instead; bones `away` (a,) lie
+    beyond the reach and hold nothing.
     """
 
     fixed: np.ndarray
@@ -32,22 +25,9 @@ class BoneConditions:
 
 
 def bone_points(skeleton: Skeleton, *, spacing: float, most: int = 10) -> tuple[np.ndarray, np.ndarray]:
-    """Evenly spaced points of bones, and of their forks.
+    """Evenly spaced points (s, d) of all bones and forks, and the bone (s,) of each.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-    spacing : float
-        Wanted distance between points, in mesh units; with zero there are as many as may be.
-    most : int
-        The most points on one segment strictly between its joints; there is at least one.
-
-    Returns
-    -------
-    x : (s, d) float array
-        Points of every segment, its two joints first and exactly.
-    bone : (s,) int array
-        The bone of each.
+    The two joints of every segment come first and are exact; between them stand one to `most` points.
 
     Examples
     --------
@@ -68,19 +48,7 @@ def bone_points(skeleton: Skeleton, *, spacing: float, most: int = 10) -> tuple[
 
 
 def distinct_points(x: np.ndarray, tolerance: float) -> np.ndarray:
-    """Which points to keep so that no two are nearer than a tolerance and none lost is further from a kept one.
-
-    Parameters
-    ----------
-    x : (s, d) float array
-        Points; earlier ones are kept before later ones.
-    tolerance : float
-        In mesh units.
-
-    Returns
-    -------
-    kept : (k,) int array
-        Ascending.
+    """Ascending indices of points of which no two are nearer than a tolerance, and every other point is near one.
 
     Examples
     --------
@@ -111,33 +79,8 @@ def bone_conditions(
 ) -> BoneConditions:
     """Vertices that bones hold, and the weights there.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices of a volume mesh.
-    vertices : (u,) int array
-        Those of them that may be held.
-    x : (s, d) float array
-        Points of bones.
-    bone : (s,) int array
-        The bone of each.
-    inside : (s,) bool array
-        Whether each lies inside the volume.
-    bones : int
-        How many bones there are.
-    snap : float
-        A point inside holds the nearest vertex if that is no further, in mesh units.
-    reach : float
-        A bone that holds no vertex so takes the nearest one, or those that are nearly as near, up to this distance.
-
-    Returns
-    -------
-    conditions : BoneConditions
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree.
+    Only `vertices` (u,) may be held. Points x (s, d) belong to bones `bone` (s,) and lie inside the volume or not. A
+    point inside holds the nearest vertex within `snap`; a bone that holds none takes the nearest ones within `reach`.
 
     Notes
     -----

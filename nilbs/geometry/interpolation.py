@@ -45,25 +45,7 @@ def surface_interpolation(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: n
 
 
 def facet_values(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """Values of a surface's vertices at points of known facets.
-
-    Parameters
-    ----------
-    V, F, values
-        As for `surface_interpolation`.
-    x : (p, d) float array
-        Points on facets.
-    facet : (p,) int array
-        The facet of each.
-
-    Returns
-    -------
-    values : (p, k) float array
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree or an index does not exist.
+    """Values (p, k) at points of known facets (p,), linear on every facet; see `surface_interpolation`.
 
     Examples
     --------

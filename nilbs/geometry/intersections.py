@@ -80,19 +80,9 @@ def self_intersections(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, bool]:
 
 
 def t_junctions(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Ends of edges that lie on another edge, between its ends: there a surface is open though nothing seems to lack.
+    """Ends of edges (r, 2) that lie on another edge between its ends: a surface is open there though it looks closed.
 
-    Parameters
-    ----------
-    V : (n, 3) float array
-        Vertices.
-    edges : (r, 2) int array
-        Edges of open rims.
-
-    Returns
-    -------
-    vertices : (t,) int array
-        Ascending. An end at the place of another end is no junction.
+    An end at the place of another end is no junction.
 
     Examples
     --------
@@ -120,18 +110,7 @@ def t_junctions(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def degenerate_facets(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Facets that have no area: they repeat a corner, or are thinner than 1e-9 of their longest edge.
-
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    F : (m, d) int array
-        Facets: edges, without length where they are degenerate, or triangles.
-
-    Returns
-    -------
-    degenerate : (m,) bool array
+    """Mask (m,) of facets that repeat a corner, or are thinner than 1e-9 of their longest edge.
 
     Examples
     --------

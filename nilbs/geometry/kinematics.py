@@ -56,22 +56,7 @@ def bone_parents(BE: np.ndarray) -> np.ndarray:
 
 
 def bone_order(P: np.ndarray) -> np.ndarray:
-    """Order of the bones in which every parent comes before its children.
-
-    Parameters
-    ----------
-    P : (b,) int array
-        Parent bones, -1 at a root.
-
-    Returns
-    -------
-    order : (b,) int array
-        A permutation of the bones, level by level from the roots.
-
-    Raises
-    ------
-    ValueError
-        If the bones form a cycle or P names a bone that does not exist.
+    """Permutation of the bones, level by level from the roots, so that parents come before their children.
 
     Examples
     --------
@@ -277,30 +262,9 @@ def interpolate_poses(
 
 
 def random_rotations(P: np.ndarray, d: int, n: int, *, std: float, rng: np.random.Generator) -> np.ndarray:
-    """Local rotations of n random poses: every bone but the roots turned about a random axis.
+    """Local rotations (n, b, 1 or 3) of n random poses: every bone but the roots turned about a random axis.
 
-    Parameters
-    ----------
-    P : (b,) int array
-        Parent bones, -1 at a root.
-    d : int
-        2 or 3.
-    n : int
-        How many poses.
-    std : float
-        Standard deviation of the angle, in radians.
-    rng : numpy.random.Generator
-        Where chance comes from.
-
-    Returns
-    -------
-    theta : (n, b, 1) or (n, b, 3) float array
-        Local rotations in radians; zero at the roots.
-
-    Raises
-    ------
-    ValueError
-        If std is negative.
+    The angles are normal with standard deviation `std`, in radians.
 
     Examples
     --------
@@ -319,35 +283,10 @@ def random_rotations(P: np.ndarray, d: int, n: int, *, std: float, rng: np.rando
 
 
 def smooth_random_rotations(P: np.ndarray, d: int, n: int, *, amplitude: float, rng: np.random.Generator) -> np.ndarray:
-    """Local rotations of a smooth random motion of n frames.
+    """Local rotations (n, b, 1 or 3) of a smooth random motion of n frames, which loops; zero at the roots.
 
-    Parameters
-    ----------
-    P : (b,) int array
-        Parent bones, -1 at a root.
-    d : int
-        2 or 3.
-    n : int
-        How many frames.
-    amplitude : float
-        Root mean square over the motion of every non-root bone's local angle, in radians.
-    rng : numpy.random.Generator
-        Where chance comes from.
-
-    Returns
-    -------
-    theta : (n, b, 1) or (n, b, 3) float array
-        Local rotations in radians; zero at the roots.
-
-    Raises
-    ------
-    ValueError
-        If amplitude is negative.
-
-    Notes
-    -----
-    Each component is a sum of sines of one to four periods over the motion with random phases, so that the motion
-    loops and neighbouring frames are close; each bone is then scaled to the amplitude exactly.
+    Each component is a sum of sines of one to four periods with random phases. The root mean square of every bone's
+    angle over the motion is `amplitude`, in radians.
 
     Examples
     --------
@@ -371,19 +310,7 @@ def smooth_random_rotations(P: np.ndarray, d: int, n: int, *, amplitude: float, 
 
 
 def rms_rotation(theta: np.ndarray, P: np.ndarray) -> float | None:
-    """Root mean square of the local angles of all bones but the roots.
-
-    Parameters
-    ----------
-    theta : (..., b, 1) or (..., b, 3) float array
-        Local rotations in radians.
-    P : (b,) int array
-        Parent bones, -1 at a root.
-
-    Returns
-    -------
-    rms : float or None
-        In radians; None where every bone is a root, or there is no pose.
+    """Root mean square of the local angles of all bones but the roots; None if there are none.
 
     Examples
     --------

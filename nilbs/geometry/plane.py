@@ -55,12 +55,7 @@ def transforms_in_space(B: np.ndarray) -> np.ndarray:
 
 
 def transforms_in_plane(B: np.ndarray) -> np.ndarray:
-    """Transforms (t, b, 4, 4) that keep the plane z = 0, as transforms (t, b, 3, 3) of the plane.
-
-    Raises
-    ------
-    ValueError
-        If one leaves the plane; the message names the frame and the bone.
+    """Transforms (t, b, 4, 4) that keep the plane z = 0, as (t, b, 3, 3); ValueError if one leaves it.
 
     Examples
     --------

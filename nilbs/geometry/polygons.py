@@ -11,33 +11,15 @@ _STEPS = 10_000_000  # corners that are looked at, in all, when cutting ears: so
 
 
 def cut_polygons(V: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cut polygons into triangles that cover them once.
+    """Cut polygons into triangles F (m, 3) that cover them once.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    corners : (c,) int array
-        Indices into V, one polygon after the other.
-    counts : (e,) int array
-        How many corners each polygon has.
+    The polygons' `corners` (c,), indices into V, stand one polygon after the other, `counts` (e,) of them each. Returns
+    F in the order of the polygons and wound like them; the polygon (m,) of each triangle; and a mask (e,) of polygons
+    that no triangles cover once, because they cross themselves, or are concave and too large: these are cut in some
+    way.
 
-    Returns
-    -------
-    F : (m, 3) int array
-        Triangles in the order of their polygons, wound like them, two fewer than each has corners: a fan around its
-        first corner where that covers it, else around another, else ears one after the other. A polygon need not be
-        quite flat: it is seen along its mean normal.
-    face : (m,) int array
-        The polygon that each triangle comes from.
-    crossed : (e,) bool array
-        Polygons that no triangles cover once, because they cross themselves. They are cut in some way. So are concave
-        ones with so many thousands of corners that it would take long.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong, an index does not exist or the counts do not add up.
+    Of a fan around the first corner, one around another and ears [1]_ the first that covers the polygon, seen along its
+    mean normal, is taken; it need not be quite flat.
 
     References
     ----------

@@ -19,26 +19,9 @@ COARSEST = 4
 
 
 def distance_grid(V: np.ndarray, F: np.ndarray, grid: Grid) -> np.ndarray:
-    """Signed distance of a surface at the nodes of a grid: exact near the surface, interpolated away from it.
+    """Signed distance at the nodes of a grid: exact within two diagonals of a cell of the surface.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices, in mesh units.
-    F : (m, d) int array
-        Facets.
-    grid : Grid
-
-    Returns
-    -------
-    distance : float array of shape grid.shape
-        In mesh units, negative inside. Exact within two diagonals of a cell; elsewhere the sign is right, and the value
-        is linear between nodes of the coarser grid that was exact there.
-
-    Raises
-    ------
-    ValueError
-        If V and F do not fit each other.
+    Elsewhere the sign is right, and the value is linear between nodes of the coarser grid that was exact there.
 
     Notes
     -----
@@ -63,7 +46,12 @@ def distance_grid(V: np.ndarray, F: np.ndarray, grid: Grid) -> np.ndarray:
 
 
 class Bricks(NamedTuple):
-    """Values on a grid whose cells are divided, and the cells of those again; see `distance_bricks`."""
+    """Values on a grid whose cells are divided, and the cells of those again.
+
+    `values` (s,) are those of the grid's nodes, then of each brick's, division by division; the last axis runs fastest.
+    `brick`, of the shape of the grid's cells, numbers the bricks of the first division, and `finer` (c,) those of the
+    next divisions for the cells of every brick but the last ones; -1 is a cell that is not divided.
+    """
 
     values: np.ndarray
     brick: np.ndarray
@@ -73,38 +61,11 @@ class Bricks(NamedTuple):
 def distance_bricks(
     V: np.ndarray, F: np.ndarray, grid: Grid, *, parts: Sequence[int], tolerance: float, relative: float
 ) -> Bricks:
-    """Signed distance on a grid that is divided at the skin, and again where that is not enough.
+    """Signed distance on a grid that is divided at the surface, and again where that is not enough.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices, in mesh units.
-    F : (m, d) int array
-        Facets.
-    grid : Grid
-        The coarse grid.
-    parts : sequence of int
-        How many parts the edge of a cell is divided in, the first time and so on, each at least 2; the nodes of a
-        divided cell are a brick.
-    tolerance, relative : float
-        A cell of a brick is divided if, by the second differences in the brick, linear interpolation misses the
-        distance there by more than the sum of `tolerance`, in mesh units, and `relative` times that distance.
-
-    Returns
-    -------
-    values : (s,) float array
-        In mesh units, negative inside: what `distance_grid` gives at the nodes of the grid, and after it, division by
-        division and brick by brick, those of the (parts + 1)^d nodes of each; the last axis runs fastest.
-    brick : int32 array of the shape of the grid's cells
-        Number of a cell's brick among those of the first division; -1 for a cell that is not divided.
-    finer : (c,) int32 array
-        The same for the parts^d cells of every brick but those of the last division: number of a cell's brick among
-        those of the next division, or -1.
-
-    Raises
-    ------
-    ValueError
-        If V and F do not fit each other, or a part is less than 2.
+    The edge of a cell is divided in parts[0] parts, of those cells that need it in parts[1] and so on; the (parts +
+    1)^d nodes of a divided cell are a brick. A cell of a brick is divided if linear interpolation, by the second
+    differences in the brick, misses the distance by more than `tolerance` plus `relative` times that distance.
 
     Notes
     -----
@@ -174,31 +135,10 @@ def weight_grid(
     band: float,
     depth: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Skinning weights at the nodes of a grid: inside the body and in a band around it.
+    """Nodes (s,) of a grid in the body and in a band around it, and their weights (s, b), whose rows sum to one.
 
-    Parameters
-    ----------
-    V, F, W : arrays
-        Rest surface and its weights, (k, d), (m, d) and (k, b).
-    V_volume, T, W_volume : arrays
-        Volume mesh and its weights, (k', d), (t, d+1) and (k', b).
-    grid : Grid
-    band : float
-        Width of the band, in mesh units.
-    depth : float
-        How far weights go on beyond the skin as they come to it, in mesh units.
-
-    Returns
-    -------
-    node : (s,) int array
-        Nodes in the body or in the band, as indices among `Grid.points`; at least one.
-    W_node : (s, b) float array
-        Rows sum to one. Beyond the skin they may leave [0, 1].
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree.
+    The surface V, F has weights W, the volume mesh V_volume, T has W_volume. `band` is the width of the band; beyond
+    `depth` from the surface weights do not change any more. Outside the body weights may leave [0, 1].
 
     Notes
     -----

@@ -23,20 +23,11 @@ _FAR = 1 / 4  # of the longest way: a start that is farther from the rest pose i
 
 @dataclass(frozen=True)
 class Retargeted:
-    """A motion on another skeleton, and what was decided on the way.
+    """A motion on another skeleton.
 
-    Attributes
-    ----------
-    B : (t, b, d+1, d+1) float array
-        Transforms of the target's bones, rest to posed.
-    axes : (d, d) float array
-        Rotation by quarter turns from the source's axes to the target's.
-    scale : float
-        Lengths of the target in lengths of the source; the translation of the roots is multiplied by it.
-    from_first : (d,) bool array
-        Along which axes of the target the first frame is so far from the source's rest pose that the way there is no
-        part of the motion: that frame is placed such that its lowest joint along the axis is as low as that of the
-        target's rest pose. Along the other axes translation counts from the rest pose.
+    B (t, b, d+1, d+1) are the target's transforms, rest to posed; `axes` (d, d) the rotation by quarter turns from the
+    source's axes; `scale` a length of the target over that of the source. Along the target's axes `from_first` (d,) the
+    first frame is so far from the source's rest pose that it does not count: it is placed on the lowest joint at rest.
     """
 
     B: np.ndarray
@@ -186,23 +177,7 @@ def guess_bone_map(source: Skeleton, target: Skeleton) -> dict[str, str]:
 
 
 def followed_bones(source: Skeleton, target: Skeleton, bone_map: Mapping[str, str | None]) -> np.ndarray:
-    """For every bone of the target the bone of the source that it follows.
-
-    Parameters
-    ----------
-    source, target : Skeleton
-    bone_map : mapping of str to str or None
-        Names of bones, target to source.
-
-    Returns
-    -------
-    follows : (b,) int array
-        Bones of the source, -1 for none.
-
-    Raises
-    ------
-    ValueError
-        If a bone does not exist, or no bone follows another.
+    """The bone of the source that each bone (b,) of the target follows, -1 for none.
 
     Examples
     --------
@@ -225,17 +200,9 @@ def followed_bones(source: Skeleton, target: Skeleton, bone_map: Mapping[str, st
 
 
 def quarter_turns_between(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Rotation of quarter turns about the axes that brings points nearest to others, whatever their sizes and places.
+    """Rotation R (d, d) by quarter turns that brings points x (n, d) nearest to y, whatever their sizes and places.
 
-    Parameters
-    ----------
-    x, y : (n, d) float array
-        Points that belong together.
-
-    Returns
-    -------
-    R : (d, d) float array
-        Such that R x is like y; of equally good ones that of the least angle.
+    Of equally good ones that of the least angle.
 
     Examples
     --------
@@ -252,17 +219,7 @@ def quarter_turns_between(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def least_rotation(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Rotation of the least angle that takes one direction to another.
-
-    Parameters
-    ----------
-    u, v : (d,) float array
-        Not zero.
-
-    Returns
-    -------
-    R : (d, d) float array
-        In the plane of u and v; a half turn about some axis where they are opposite.
+    """Rotation of the least angle that takes one direction (d,) to another; a half turn if they are opposite.
 
     Examples
     --------

@@ -23,16 +23,9 @@ _SLACK = 0.05  # of the surface's extent: how far joints may lie outside its box
 
 @dataclass(frozen=True)
 class RigReport:
-    """Findings on a rig of k joints and b bones in a surface.
+    """A rig in a surface: joints of bones that lie `outside`, bones `without_volume`, of which no part lies inside.
 
-    Attributes
-    ----------
-    outside : (o,) int array
-        Joints of bones that lie outside the surface, where the winding number is at most one half.
-    without_volume : (v,) int array
-        Bones of which no part lies inside the surface.
-    suggestion : str or None
-        How the rig would fit where it seems to be in another unit or frame than the surface.
+    `suggestion` says how the rig would fit if it seems to be in another unit or frame than the surface.
     """
 
     outside: np.ndarray
@@ -41,25 +34,7 @@ class RigReport:
 
 
 def rig_report(V: np.ndarray, F: np.ndarray, skeleton: Skeleton) -> RigReport:
-    """Examine a rig and the surface that it should move.
-
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    F : (m, d) int array
-        Facets, facing outward. Where the surface is open, inside is where the winding number says.
-    skeleton : Skeleton
-        In as many dimensions.
-
-    Returns
-    -------
-    report : RigReport
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong or the dimensions differ.
+    """Examine a rig and the surface that it moves; the winding number decides what is inside.
 
     Examples
     --------
@@ -85,16 +60,9 @@ def rig_report(V: np.ndarray, F: np.ndarray, skeleton: Skeleton) -> RigReport:
 
 
 def coincident_joints(skeleton: Skeleton) -> np.ndarray:
-    """Joints at the place of another, where that is not a bone's start at its parent's end.
+    """Joints (c,) that lie on an earlier one, except a bone's start on its parent's end.
 
-    Parameters
-    ----------
-    skeleton : Skeleton
-
-    Returns
-    -------
-    joints : (c,) int array
-        All but the first at each place, ascending. Places nearer than 1e-6 of the rig's extent are one.
+    Places nearer than 1e-6 of the rig's extent are one.
 
     Examples
     --------
@@ -116,27 +84,9 @@ def coincident_joints(skeleton: Skeleton) -> np.ndarray:
 
 
 def frame_suggestion(V: np.ndarray, F: np.ndarray, C: np.ndarray) -> str | None:
-    """What would bring joints into a surface, where they seem to be in another unit or frame.
+    """A sentence on the change of unit or axes that puts most joints inside, or on where the rig lies instead.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices.
-    F : (m, d) int array
-        Facets.
-    C : (k, d) float array
-        Joints.
-
-    Returns
-    -------
-    suggestion : str or None
-        None where the joints fit as they are. Otherwise the factor between two common units, or the exchange of axes,
-        or both, that puts most joints inside; or how much smaller, larger or further away the rig's box is.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong.
+    None if the joints (k, d) fit as they are.
 
     Examples
     --------

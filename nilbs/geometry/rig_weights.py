@@ -29,20 +29,10 @@ SMALLEST_RIG = 0.03
 
 @dataclass(frozen=True)
 class SolvedWeights:
-    """Bounded biharmonic weights of a mesh, and of the volume that they were solved in.
+    """Bounded biharmonic weights W (n, b) of a mesh, and those of the volume that they were solved in.
 
-    Attributes
-    ----------
-    W : (n, b) float array
-        Weights of the mesh's vertices; rows on the simplex.
-    V_volume, T, W_volume : arrays
-        Volume mesh and its weights, (n', d), (t, d+1) and (n', b).
-    energy : float
-        Half the sum over bones of w' L M^-1 L w.
-    method : str
-        "joint" or "igl".
-    notes : tuple of str
-        A sentence on everything that was done because the mesh or the rig asked for it.
+    `energy` is the one that they minimise, `method` the solver. `notes` holds a sentence on every repair that mesh and
+    rig needed.
     """
 
     W: np.ndarray
@@ -125,19 +115,7 @@ def solve_weights(
 
 
 def check_rig_fits(V: np.ndarray, skeleton: Skeleton) -> None:
-    """Refuse a rig that does not belong to the mesh.
-
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices that the mesh's faces use.
-    skeleton : Skeleton
-
-    Raises
-    ------
-    ValueError
-        If they differ in dimension, their bounding boxes do not meet, or one box is many times the other.
-    """
+    """Refuse a rig of another dimension than the mesh, one that lies elsewhere, or one of another size."""
     C = skeleton.C[np.unique(skeleton.BE)]
     if V.shape[1] != C.shape[1]:
         raise ValueError(f"the mesh has {V.shape[1]} dimensions but the rig has {C.shape[1]}")

@@ -158,22 +158,7 @@ def transform_points(B: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def nearest_rotations(A: np.ndarray) -> np.ndarray:
-    """Rotations nearest to matrices in the Frobenius norm: the polar factor with determinant one.
-
-    Parameters
-    ----------
-    A : (..., d, d) float array
-        Any matrices.
-
-    Returns
-    -------
-    R : (..., d, d) float array
-        Rotations.
-
-    Raises
-    ------
-    ValueError
-        If A is not square of size 2 or 3.
+    """Rotations nearest to matrices (..., d, d) in the Frobenius norm: the polar factor with determinant one.
 
     Examples
     --------
@@ -229,24 +214,6 @@ def slerp(R0: np.ndarray, R1: np.ndarray, s: float) -> np.ndarray:
 def interpolate_transforms(B0: np.ndarray, B1: np.ndarray, s: float) -> np.ndarray:
     """Transforms a fraction s of the way from B0 to B1, each on its own.
 
-    Parameters
-    ----------
-    B0, B1 : (..., d+1, d+1) float array
-        Affine transforms acting on column vectors.
-    s : float
-        0 gives B0, 1 gives B1.
-
-    Returns
-    -------
-    B : (..., d+1, d+1) float array
-
-    Raises
-    ------
-    ValueError
-        If B0 and B1 disagree on d.
-
-    Notes
-    -----
     The rotation of the polar decomposition is slerped; the stretch and the translation are linear.
 
     Examples

@@ -9,26 +9,7 @@ from nilbs.geometry.validation import arrays, check_indices
 
 
 def uniform_samples(lower: np.ndarray, upper: np.ndarray, n: int, *, rng: np.random.Generator) -> np.ndarray:
-    """Uniform points in a box.
-
-    Parameters
-    ----------
-    lower, upper : (d,) float array
-        Opposite corners, in mesh units; d is 2 or 3.
-    n : int
-        Number of points.
-    rng : numpy.random.Generator
-        Source of chance.
-
-    Returns
-    -------
-    x : (n, d) float array
-        In mesh units.
-
-    Raises
-    ------
-    ValueError
-        If the corners disagree on d, upper is below lower or n is negative.
+    """Uniform points (n, d) in a box between two opposite corners.
 
     Examples
     --------

@@ -11,29 +11,10 @@ _TOLERANCE = 1e-6  # of weights below zero and of row sums beside one; less is r
 def weights_on_simplex(
     W: np.ndarray, V: np.ndarray, *, numbers: np.ndarray | None = None
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Make every row of given weights non-negative and sum to one.
+    """Make rows of given weights non-negative and sum to one; also a sentence on every kind of change.
 
-    Parameters
-    ----------
-    W : (n, b) float array
-        Finite weights.
-    V : (n, d) float array
-        Rest vertices.
-    numbers : (n,) int array, optional
-        What the notes call the vertices; 0 to n-1 by default.
-
-    Returns
-    -------
-    W : (n, b) float array
-        Negative weights are zero; rows are divided by their sums; a row without weight is that of the nearest vertex
-        that has some.
-    notes : tuple of str
-        A sentence on every kind of change.
-
-    Raises
-    ------
-    ValueError
-        If sizes disagree or no vertex has any weight.
+    Negative weights become zero; rows are divided by their sums; a row without weight becomes that of the nearest
+    vertex that has some. The notes use `numbers` (n,) for the vertices.
 
     Examples
     --------

@@ -87,14 +87,9 @@ class Skeleton:
         return replace(self, C=self.C[:, :2].copy())
 
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
-        """Line segments that move with bones: every bone's own, and one more for each fork.
+        """Line segments that move with bones: joints (s, 2), and the bone (s,) of each.
 
-        Returns
-        -------
-        ends : (s, 2) int array
-            Indices into C.
-        bone : (s,) int array
-            The bone that each moves with; the first b are 0 .. b-1.
+        The first b are the bones' own, the others the forks.
         """
         forked = np.stack([self.BE[self.forks[:, 0], 0], self.forks[:, 1]], axis=1)
         return np.concatenate([self.BE, forked]), np.concatenate([np.arange(len(self.BE)), self.forks[:, 0]])

@@ -27,30 +27,10 @@ def fit_to_skin(
     *,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Weights of grid nodes, changed where multilinear interpolation misses those of the skin.
+    """Weights of grid nodes (s,), changed where multilinear interpolation misses those of the skin.
 
-    Parameters
-    ----------
-    V, F, W : arrays
-        Rest surface and its weights, (n, d), (m, d) and (n, b); in mesh units.
-    grid : Grid
-    node : (s,) int array
-        Nodes with weights, as indices among `Grid.points`.
-    W_node : (s, b) float array
-        Their weights.
-    rng : numpy.random.Generator
-        Where on the skin they are compared.
-
-    Returns
-    -------
-    W_node : (s, b) float array
-        Nodes of cells that the skin does not cross are as they were, and so are those of cells with a corner that has
-        no weights. Where rows of W and of W_node sum to one they still do.
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree or a node does not exist.
+    The skin V, F has weights W, the nodes have W_node. Cells with a corner without weights are left out. Sums of rows
+    stay.
 
     Notes
     -----

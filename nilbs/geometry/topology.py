@@ -9,19 +9,11 @@ from nilbs.geometry.validation import arrays
 
 @dataclass(frozen=True)
 class Ridges:
-    """What facets meet at: the edges of triangles, or the end points of edges.
+    """Ridges of facets: the edges of triangles, or the end points of edges.
 
-    Attributes
-    ----------
-    corners : (r, d-1) int array
-        Each ridge once, its vertices ascending.
-    ridge : (m, d) int array
-        The ridges of every facet.
-    sign : (m, d) int array
-        1 where the facet runs along its ridge from the lower to the higher vertex, or ends there, else -1: two
-        facets are turned alike where they run along their ridge in opposite ways.
-    count : (r,) int array
-        Facets at each ridge; one that repeats a vertex may count twice.
+    Each ridge has its ascending vertices `corners` (r, d-1) and its `count` (r,) of facets; one that repeats a vertex
+    may count twice. Every facet has its `ridge` (m, d) and a `sign` (m, d): 1 if it runs along its ridge from the lower
+    to the higher vertex, or ends there, else -1. Two facets agree if their signs differ.
     """
 
     corners: np.ndarray
@@ -30,15 +22,7 @@ class Ridges:
     count: np.ndarray
 
     def neighbours(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pairs of facets at ridges that have exactly two.
-
-        Returns
-        -------
-        first, second : (p,) int arrays
-            Facets.
-        alike : (p,) bool array
-            Whether the two are turned alike.
-        """
+        """Pairs of facets at ridges of exactly two: first, second and whether they agree, (p,) each."""
         d = self.ridge.shape[1]
         order = np.argsort(self.ridge.ravel(), kind="stable")
         start = (np.cumsum(self.count) - self.count)[self.count == 2]
@@ -48,21 +32,7 @@ class Ridges:
 
 
 def ridges(F: np.ndarray) -> Ridges:
-    """Ridges of a surface: the edges of triangles, or the end points of edges.
-
-    Parameters
-    ----------
-    F : (m, d) int array
-        Facets, vertex indices; d is 2 or 3.
-
-    Returns
-    -------
-    ridges : Ridges
-
-    Raises
-    ------
-    ValueError
-        If the shape is wrong.
+    """Ridges of a surface.
 
     Examples
     --------
@@ -85,19 +55,7 @@ def ridges(F: np.ndarray) -> Ridges:
 
 
 def group_labels(first: np.ndarray, second: np.ndarray, size: int) -> np.ndarray:
-    """Number the connected groups of things 0 .. size-1 that pairs join.
-
-    Parameters
-    ----------
-    first, second : (p,) int arrays
-        Pairs.
-    size : int
-        How many things there are.
-
-    Returns
-    -------
-    label : (size,) int array
-        The same for two things that a chain of pairs joins.
+    """Labels (size,) of the connected groups of things 0 .. size-1 that pairs (p,), (p,) join.
 
     Examples
     --------

@@ -9,31 +9,11 @@ from nilbs.geometry.volume import element_volumes
 def conforming_triangles(
     V: np.ndarray, T: np.ndarray, points: np.ndarray, *, spacing: float = 0.02
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Refine a flat mesh so that it has vertices at given points and no large triangles inside.
+    """Refine a flat mesh so that it has vertices at given points (s, 2) and no large triangles inside.
 
-    Parameters
-    ----------
-    V : (n, 2) float array
-        Vertices.
-    T : (t, 3) int array
-        Triangles; their outline is kept edge by edge.
-    points : (s, 2) float array
-        Places that become vertices; those that lie outside are left out.
-    spacing : float
-        Distance between vertices that are added inside, as a fraction of the bounding box's diagonal; a mesh that is
-        finer already gets none.
-
-    Returns
-    -------
-    V_volume : (n', 2) float array
-        The given vertices first, in their order; those that no triangle uses stay without one.
-    T_volume : (t', 3) int array
-        Counter-clockwise triangles, Delaunay inside the outline.
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree or T indexes a vertex that does not exist.
+    Returns the given vertices first, in their order, and counter-clockwise triangles, Delaunay inside the outline,
+    which is kept edge by edge. Points outside are left out. `spacing`, a fraction of the bounding box's diagonal, is
+    the distance between vertices that are added inside; a finer mesh gets none.
 
     Notes
     -----

@@ -7,25 +7,12 @@ import numpy as np
 
 
 def arrays(**named: tuple) -> list[np.ndarray]:
-    """Convert arguments to arrays and check their shapes against each other.
+    """Convert arguments to float64 or int64 arrays and check their shapes against each other.
 
-    Parameters
-    ----------
-    **named : tuple
-        For each argument its value, its shape in letters and, for indices, ``int``: ``V=(V, "n d")``,
-        ``B=(B, "b d+1 d+1")``, ``F=(F, "m d", int)``. A letter stands for one size everywhere in the call; a letter
-        followed by a number adds it; a number stands for itself; a leading ``...`` takes any dimensions.
-        The letter d must come out as 2 or 3.
-
-    Returns
-    -------
-    values : list of arrays
-        In the order given: float64, or int64 where ``int`` was asked for.
-
-    Raises
-    ------
-    ValueError
-        If a value is not numeric, a shape disagrees, an index array holds fractions or a number is not finite.
+    Each is given as its value, its shape in letters and, for indices, ``int``: ``V=(V, "n d")``, ``F=(F, "m d", int)``.
+    A letter stands for one size everywhere in the call, and d for 2 or 3; ``d+1`` adds to it; a number stands for
+    itself; a leading ``...`` takes any dimensions. A shape that disagrees, or a number that is not finite, is a
+    ValueError.
 
     Examples
     --------
@@ -38,13 +25,7 @@ def arrays(**named: tuple) -> list[np.ndarray]:
 
 
 def check_indices(name: str, indices: np.ndarray, size: int, of: str) -> None:
-    """Check that every index lies in 0 .. size-1.
-
-    Raises
-    ------
-    ValueError
-        Naming the first row at fault.
-    """
+    """Raise a ValueError that names the first row with an index outside 0 .. size-1."""
     bad = np.flatnonzero(((indices < 0) | (indices >= size)).any(axis=tuple(range(1, indices.ndim))))
     if len(bad):
         raise ValueError(f"{name}[{bad[0]}] = {indices[bad[0]].tolist()} does not index the {size} {of}")

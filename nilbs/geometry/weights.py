@@ -121,26 +121,9 @@ def bounded_biharmonic_weights(
 
 
 def biharmonic_energy(V: np.ndarray, T: np.ndarray, W: np.ndarray) -> float:
-    """Half the sum over bones of w' L M^-1 L w, what bounded biharmonic weights minimise.
+    """Half the sum over bones of w' L M^-1 L w, which bounded biharmonic weights minimise.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices of a volume mesh.
-    T : (t, d+1) int array
-        Its elements, indices into V.
-    W : (n, b) float array
-        Weights.
-
-    Returns
-    -------
-    energy : float
-        In mesh units to the power d - 4.
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree or T indexes a vertex that does not exist.
+    In mesh units to the power d - 4.
 
     Examples
     --------
@@ -157,31 +140,10 @@ def biharmonic_energy(V: np.ndarray, T: np.ndarray, W: np.ndarray) -> float:
 
 
 def extend_weights(V: np.ndarray, T: np.ndarray, W_known: np.ndarray) -> np.ndarray:
-    """Weights inside a volume mesh from those of its first vertices, as smoothly as the elements allow.
+    """Weights of a volume mesh from those of its first vertices (n, b): the harmonic extension, on the simplex.
 
-    Parameters
-    ----------
-    V : (n', d) float array
-        Vertices of a volume mesh, the known ones first.
-    T : (t, d+1) int array
-        Its elements, indices into V.
-    W_known : (n, b) float array
-        Weights of the first n vertices; rows on the simplex.
-
-    Returns
-    -------
-    W : (n', b) float array
-        The harmonic extension, each row projected on the simplex. The first n rows are W_known.
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree or T indexes a vertex that does not exist.
-
-    Notes
-    -----
     A harmonic function takes its largest and smallest values on the boundary, so the extension keeps bounds and sums;
-    the projection mends what obtuse elements break.
+    the projection repairs what obtuse elements break.
 
     Examples
     --------

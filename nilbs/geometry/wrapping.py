@@ -19,27 +19,10 @@ BLUR = 0.7
 
 
 def wrap(V: np.ndarray, F: np.ndarray, *, resolution: int = 192) -> tuple[Grid, np.ndarray]:
-    """Levels of a solid that holds a surface, whatever its defects.
+    """Grid and levels, negative inside, of a solid that holds a surface, whatever its defects.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices.
-    F : (m, d) int array
-        Facets, at least one: with holes, crossings, loose sheets, doubled or flipped facets.
-    resolution : int
-        Cells along the longest edge of the bounding box.
-
-    Returns
-    -------
-    grid : Grid
-    levels : float array of shape grid.shape
-        Negative inside; near the surface, distances in mesh units. `isosurface` makes it a closed surface.
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree, F is empty or all points coincide.
+    The facets, at least one, may have holes, crossings, loose sheets, and be doubled or flipped. `resolution` is the
+    count of cells along the longest edge of the bounding box. Near the surface levels are distances.
 
     Notes
     -----

@@ -6,27 +6,9 @@ from nilbs.geometry.validation import arrays, check_indices
 
 
 def decimated(V: np.ndarray, F: np.ndarray, facets: int) -> tuple[np.ndarray, np.ndarray]:
-    """Surface with fewer triangles that keeps its shape and topology.
+    """A surface of about as many triangles as `facets`, of the same shape and topology.
 
-    Parameters
-    ----------
-    V : (n, 3) float array
-        Vertices.
-    F : (m, 3) int array
-        Triangles.
-    facets : int
-        How many are wanted; a surface that has no more is returned as it is.
-
-    Returns
-    -------
-    V_few : (n', 3) float array
-    F_few : (m', 3) int array
-        Where the topology forbids more collapses, somewhat more than wanted.
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree.
+    One that has no more is returned as it is; the topology may forbid so few.
 
     Notes
     -----

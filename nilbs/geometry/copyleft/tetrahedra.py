@@ -17,32 +17,11 @@ PROGRAM = Path(__file__).with_name("tetgen_process.py")
 def conforming_tetrahedra(
     V: np.ndarray, F: np.ndarray, points: np.ndarray, *, spacing: float = 0.03, quality: float = 2**0.5
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fill a closed surface with tetrahedra that have vertices at given points.
+    """Fill a closed surface with tetrahedra that have vertices at given points (s, 3) inside.
 
-    Parameters
-    ----------
-    V : (n, 3) float array
-        Surface vertices.
-    F : (m, 3) int array
-        Triangles of a closed surface without self-intersections.
-    points : (s, 3) float array
-        Places inside, apart from each other, that become vertices.
-    spacing : float
-        Edge of the largest regular tetrahedron, as a fraction of the bounding box's diagonal.
-    quality : float
-        The largest ratio of a tetrahedron's circumradius to its shortest edge.
-
-    Returns
-    -------
-    V_volume : (n', 3) float array
-        The given vertices first, in their order, then the points.
-    T : (t, 4) int array
-        Positively oriented tetrahedra.
-
-    Raises
-    ------
-    ValueError
-        If the sizes disagree, or the surface is not the closed one that TetGen needs.
+    Returns V_volume, the surface's vertices in their order, then the points and further ones, and positively oriented
+    T. `spacing` is the edge of the largest regular tetrahedron, as a fraction of the bounding box's diagonal, `quality`
+    the largest ratio of circumradius to shortest edge. A surface that is open or crosses itself is a ValueError.
 
     Notes
     -----
