@@ -7,6 +7,7 @@ from .facets import components as components
 from .facets import facet_areas as facet_areas
 from .facets import facet_normals as facet_normals
 from .facets import is_watertight as is_watertight
+from .facets import seamless as seamless
 from .grids import Grid as Grid
 from .interpolation import surface_interpolation as surface_interpolation
 from .interpolation import volume_interpolation as volume_interpolation

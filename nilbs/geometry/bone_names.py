@@ -1,6 +1,6 @@
-"""What the names of bones say: side, part of a body, number; and which bones of two rigs are therefore the same.
+"""Meaning of bones' names: side, part of a body, number; and which bones of two rigs are therefore the same.
 
-Rigs of people call one and the same bone `upperarm01.L`, `UpArm_L`, `LeftArm`, `mixamorig:LeftArm`, `Bip01 L UpperArm`,
+Rigs of people call one bone `upperarm01.L`, `UpArm_L`, `LeftArm`, `mixamorig:LeftArm`, `Bip01 L UpperArm`,
 `lShldr` or `left_shoulder`. The words here are those of common programs. A word that is not known stands for itself, so
 that two rigs of an animal that agree on `Tail_1` are matched too.
 """
@@ -39,12 +39,12 @@ _SYNONYMS = {
 }
 _PARTS = {word: part for part, words in _SYNONYMS.items() for word in words.split()}
 _SIDES = {"l": "l", "left": "l", "r": "r", "right": "r"}
-# Words that do not tell one bone from another: of programs, of roles in a rig, of pieces of one bone.
+# Words that mean no part of a body: of programs, of roles in a rig, of pieces of one bone.
 _IDLE = {
     "bone", "joint", "jnt", "j", "b", "c", "bip", "def", "org", "bind", "skin", "sk", "rig", "base",
     "twist", "bend", "roll", "segment", "proximal", "intermediate", "distal",
 }  # fmt: skip
-# Not bones of the body: marks of where a bone ends, and what only steers others.
+# Not bones of the body: marks of where a bone ends, and controls of others.
 _NO_BONE = {"end", "nub", "tip", "site", "ik", "fk", "pole", "ctrl", "control", "target", "goal", "helper"}
 _PREFIX = re.compile(r"^.*[:|]|^(?:bip\d*|mixamorig\d*|cc base|valvebiped|genesis\d*)(?![a-z])", re.IGNORECASE)
 _EDGES = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=\D)(?=\d)|(?<=\d)(?=\D)")
@@ -121,7 +121,7 @@ def matching_bones(source: Skeleton, target: Skeleton) -> dict[int, int]:
 
 
 def _chains(skeleton: Skeleton) -> dict[tuple[str, str], list[int]]:
-    """Bones by side and part, each a way down the hierarchy."""
+    """Bones by side and part, in each a path down the hierarchy."""
     names = [bone_name(name) for name in skeleton.names]
     present: dict[str, set[str]] = {side: {name.part for name in names if name.side == side} for side in ("", "l", "r")}
     groups: dict[tuple[str, str], dict[tuple[int, ...], int]] = {}
@@ -147,7 +147,7 @@ def _chains(skeleton: Skeleton) -> dict[tuple[str, str], list[int]]:
 
 
 def _settled(part: str, present: set[str]) -> str:
-    """What a word that programs use differently means beside the other bones of the same side."""
+    """Meaning of a word that programs use differently, given the other bones of the same side."""
     arm = "upperarm" if "arm" not in present or "upperarm" in present else "arm"
     thigh = next((word for word in ("thigh", "hips", "leg") if word in present), "")
     meaning = {
@@ -167,7 +167,7 @@ def _settled(part: str, present: set[str]) -> str:
 
 
 def _along(target: Skeleton, chain: list[int], source: Skeleton, led: list[int]) -> dict[int, int]:
-    """Pairs of two chains: one by one where they are as long, else each bone by where its middle lies."""
+    """Pairs of two chains: one by one if they are equally long, else each bone by the position of its middle."""
     if len(chain) == len(led):
         return dict(zip(chain, led, strict=True))
     ways, source_ways = _ways(target, chain), _ways(source, led)

@@ -1,4 +1,4 @@
-"""What keeps a surface from being the boundary of a solid."""
+"""Defects of a surface as the boundary of a solid."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,10 @@ import numpy as np
 from nilbs.geometry.facets import components, facet_areas, facet_normals, seamless
 from nilbs.geometry.intersections import degenerate_facets, self_intersections, t_junctions
 from nilbs.geometry.topology import Ridges, group_labels, ridges
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 from nilbs.geometry.winding import winding_number
 
-# In sizes of a facet: so close beside it that little lies between.
-_STEP = 1e-4
+_STEP = 1e-4  # in sizes of a facet: so close beside it that little lies between
 
 
 @dataclass(frozen=True)
@@ -19,61 +18,27 @@ class SurfaceReport:
     """Findings on a surface of n vertices and m facets; a clean solid has none of the defects.
 
     Vertices at one place count as one vertex: a surface that is cut along a seam is not open there.
-
-    Attributes
-    ----------
-    d : int
-        Dimension of space.
-    size : float
-        L, the longest edge of the bounding box of the vertices that are used.
-    volume : float
-        Enclosed volume, or area in the plane, negative where facets face inward; of an open surface only a hint.
-    vertices : int
-        Places at which facets have vertices.
-    components : int
-        Pieces; facets that share a vertex are in one.
-    holes : int
-        Open rims: groups of edges (in the plane: ends) that belong to one facet only.
-    open_ridges, crowded_ridges, disagreeing_ridges : int
-        Edges (ends) of one facet only, of more than two, and of two that face opposite ways.
-    t_junctions : (t,) int array
-        Vertices of open rims that lie on another edge of a rim; not looked for where `all_intersections` is False.
-    pinched : (p,) int array
-        Vertices where parts of the surface meet in nothing but this vertex.
-    inside_out : (i,) int array
-        A facet of every closed piece that faces inward and is no cavity of another.
-    degenerate : (g,) int array
-        Facets without area, by `degenerate_facets`.
-    duplicate : (u,) int array
-        Facets with the same vertices as one before them.
-    intersections : (k, 2) int array
-        Pairs of facets, by `self_intersections`.
-    all_intersections : bool
-        Whether these are all.
-    isolated : (i,) int array
-        Vertices of no facet.
-    seam : (s,) int array
-        Vertices of facets that stand at the place of another: textures and sharp edges split vertices there. No defect.
+    "Edges" are end points of edges in the plane.
     """
 
     d: int
-    size: float
-    volume: float
-    vertices: int
-    components: int
-    holes: int
-    open_ridges: int
-    crowded_ridges: int
-    disagreeing_ridges: int
-    t_junctions: np.ndarray
-    pinched: np.ndarray
-    inside_out: np.ndarray
-    degenerate: np.ndarray
-    duplicate: np.ndarray
-    intersections: np.ndarray
-    all_intersections: bool
-    isolated: np.ndarray
-    seam: np.ndarray
+    size: float  # L, the longest edge of the bounding box of the vertices that are used
+    volume: float  # enclosed; an area in the plane; negative if facets face inward; only a hint if the surface is open
+    vertices: int  # places at which facets have vertices
+    components: int  # pieces; facets that share a vertex are in one
+    holes: int  # groups of connected edges that belong to one facet only
+    open_ridges: int  # edges of one facet only
+    crowded_ridges: int  # edges of more than two facets
+    disagreeing_ridges: int  # edges of two facets that face opposite ways
+    t_junctions: np.ndarray  # (t,) vertices of holes on another edge of a hole; empty if not `all_intersections`
+    pinched: np.ndarray  # (p,) vertices where parts of the surface meet in nothing but this vertex
+    inside_out: np.ndarray  # (i,) a facet of every closed piece that faces inward and is no cavity of another
+    degenerate: np.ndarray  # (g,) facets without area, by `degenerate_facets`
+    duplicate: np.ndarray  # (u,) facets with the same vertices as one before them
+    intersections: np.ndarray  # (k, 2) pairs of facets, by `self_intersections`
+    all_intersections: bool  # whether these are all
+    isolated: np.ndarray  # (i,) vertices of no facet
+    seam: np.ndarray  # (s,) vertices of facets at the place of another, as textures and sharp edges need; no defect
 
     @property
     def watertight(self) -> bool:
@@ -100,25 +65,10 @@ class SurfaceReport:
 
 
 def solid_defects(V: np.ndarray, F: np.ndarray) -> list[str]:
-    """What keeps a surface from being a clean solid.
+    """Short phrases such as "3 holes" on what keeps a surface V, F from being a clean solid.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    F : (m, d) int array
-        Facets: edges in the plane, triangles in space.
-
-    Returns
-    -------
-    defects : list of str
-        Short phrases such as "3 holes". None: the surface is closed, manifold, facing outward and clear of itself, and
-        no facet is degenerate or stands twice. Vertices that no facet uses do no harm.
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong or F indexes a missing vertex.
+    None: the surface is closed, manifold, faces outward and is clear of itself; no facet is degenerate or repeated.
+    Seams and vertices that no facet uses do no harm.
 
     Examples
     --------
@@ -136,10 +86,8 @@ def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    F : (m, d) int array
-        Facets: edges in the plane, triangles in space.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices and facets; d is 2 or 3. Facets are edges in the plane, triangles in space.
 
     Returns
     -------
@@ -160,9 +108,7 @@ def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
     >>> report.watertight, report.volume, report.isolated.tolist(), report.solid_defects()
     (True, 2.0, [4], [])
     """
-    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
-    if len(F):
-        check_indices("F", F, len(V), "vertices")
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", "V"))
     used = np.unique(F)
     _, place, count = np.unique(V[used] + 0.0, axis=0, return_inverse=True, return_counts=True)
     joined = seamless(V, F)
@@ -199,10 +145,8 @@ def enclosed_volume(V: np.ndarray, F: np.ndarray) -> float:
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    F : (m, d) int array
-        Facets.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices and facets; d is 2 or 3.
 
     Returns
     -------
@@ -278,7 +222,7 @@ def _inside_out(V: np.ndarray, F: np.ndarray, meeting: Ridges) -> np.ndarray:
     sound[piece[first[~alike]]] = False
     sound[piece[(meeting.count[meeting.ridge] != 2).any(axis=1)]] = False
     negative = np.bincount(piece, _wedges(V, F), minlength=m) < 0
-    # The largest facet of each such piece; a step off it, away from what it encloses, tells what else is around it.
+    # The winding number beside the largest facet of each such piece, on its outer side, counts what else is around it.
     area = facet_areas(V, F)
     order = np.lexsort((area, piece))
     last = np.append(np.diff(piece[order]) != 0, True)

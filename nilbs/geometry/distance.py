@@ -3,7 +3,7 @@
 import numpy as np
 
 from nilbs.geometry.plane import in_space
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 from nilbs.geometry.winding import occupancy
 
 
@@ -12,10 +12,8 @@ def closest_points(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> tuple[np.ndar
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices, in mesh units; d is 2 or 3.
-    F : (m, d) int array
-        Facets, indices into V.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets; d is 2 or 3.
     x : (p, d) float array
         Query points, in mesh units.
 
@@ -43,13 +41,12 @@ def closest_points(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> tuple[np.ndar
     >>> distance, facet, point
     (array([3.]), array([0]), array([[1., 0.]]))
     """
-    V, F, x = arrays(V=(V, "n d"), F=(F, "m d", int), x=(x, "p d"))
+    V, F, x = arrays(V=(V, "n d"), F=(F, "m d", "V"), x=(x, "p d"))
     if not len(F):
         return np.full(len(x), np.inf), np.full(len(x), -1), np.full(x.shape, np.nan)
-    check_indices("F", F, len(V), "vertices")
     import igl
 
-    # libigl's tree asks for three coordinates; edges in the plane z = 0 keep their distances.
+    # libigl's tree needs three coordinates; edges in the plane z = 0 keep their distances.
     squared, facet, point = igl.point_mesh_squared_distance(in_space(x), in_space(V), np.ascontiguousarray(F))
     return np.sqrt(squared), facet.astype(np.int64), np.ascontiguousarray(point[:, : V.shape[1]])
 
@@ -59,10 +56,8 @@ def signed_distance(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices, in mesh units; d is 2 or 3.
-    F : (m, d) int array
-        Facets, indices into V.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets; d is 2 or 3.
     x : (p, d) float array
         Query points, in mesh units.
 

@@ -2,29 +2,30 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
 from nilbs.geometry.diagnosis import enclosed_volume, solid_defects
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.facets import facet_areas
-from nilbs.geometry.grids import Grid
+from nilbs.geometry.grids import Grid, cell_corners
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.triangles import conforming_triangles
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 from nilbs.geometry.volume import boundary_facets, element_volumes
 from nilbs.geometry.winding import occupancy
 from nilbs.geometry.wrapping import wrap, wrapping_surface
 
-# Weights are smooth, so a volume of some ten thousand vertices tells them; factorising grows with the square of that.
+# Weights are smooth, so some ten thousand vertices are enough; the time to factorise grows with their square.
 SURFACE_LIMIT = 10_000  # vertices; a surface with more is decimated
 DECIMATED = 10_000  # facets
 SPACING = 0.023  # of the diagonal: edge of the elements inside a slender body
 QUALITY = 2**0.5  # circumradius over shortest edge of the worst element
 ELEMENTS = 25_000  # inside a bulky one, whose elements are larger
 LONGEST_EDGE = 0.05  # of the diagonal; a surface of few triangles with longer edges is refined
-RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second where the first cannot be filled
-BLOCKS = 56  # cells along the longest edge of the blocks that stand in where nothing finer can be filled
+RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second if the first cannot be filled
+BLOCKS = 56  # cells along the longest edge of the blocks, which are used if nothing finer can be filled
 WELD = 1e-7  # of the diagonal: vertices that are nearer are one
 VOLUME_LIMIT = 20_000  # vertices; factorising more takes minutes
 SMALLEST_VOLUME = 1e-16  # of the cubed diagonal
@@ -57,16 +58,8 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarsenes
     In the plane the triangles are refined as they are. In space a closed, manifold, oriented surface without crossings
     is filled by TetGen. Any other is wrapped first (see `wrap`) and the wrap is decimated; where TetGen refuses that
     or makes too many elements, the wrap is made coarser, and at last the domain is of blocks, which always exist.
-
-    Examples
-    --------
-    >>> sheet = [[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0]]
-    >>> domain = volume_domain(sheet, [[0, 1, 2], [0, 2, 3]], [[0.5, 0.5, 0.1]])
-    >>> print(domain.notes[0])
-    the mesh is not a clean solid (1 hole): weights are solved in a volume wrapped around it
     """
-    V, E, points = arrays(V=(V, "n d"), E=(E, "m 3", int), points=(points, "s d"))
-    check_indices("E", E, len(V), "vertices")
+    V, E, points = arrays(V=(V, "n d"), E=(E, "m 3", "V"), points=(points, "s d"))
     if not len(E):
         raise ValueError("the mesh has no triangle")
     used = V[np.unique(E)]
@@ -88,10 +81,9 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarsenes
         first = len(surface)
     else:
         F, _ = coherent_orientation(surface, E)
-        V_volume, T, first, said = _spatial(
-            surface, F if enclosed_volume(surface, F) >= 0 else F[:, ::-1], points, coarseness
-        )
-        notes += said
+        F = F if enclosed_volume(surface, F) >= 0 else F[:, ::-1]
+        V_volume, T, first, more = _spatial(surface, F, points, coarseness)
+        notes += more
     return Domain(V_volume * size + center, T, first, tuple(notes))
 
 
@@ -109,19 +101,14 @@ def welded(V: np.ndarray, E: np.ndarray, *, tolerance: float = WELD) -> tuple[np
     V, E = arrays(V=(V, "n d"), E=(E, "m k", int))
     used = np.unique(E)
     _, first, place = np.unique(np.round(V[used] / tolerance), axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first, kind="stable")
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
-    new = np.zeros(len(V), dtype=np.int64)
-    new[used] = rank[place.ravel()]
-    E = new[E]
+    joined = np.arange(len(V))
+    joined[used] = used[first[place.ravel()]]
+    E = joined[E]
     ordered = np.sort(E, axis=1)
     E, ordered = (a[(np.diff(ordered, axis=1) > 0).all(axis=1)] for a in (E, ordered))
     E = E[np.sort(np.unique(ordered, axis=0, return_index=True)[1])]
-    left = np.unique(E)
-    compact = np.zeros(len(first), dtype=np.int64)
-    compact[left] = np.arange(len(left))
-    return V[used[first[order]]][left], compact[E]
+    kept, compact = np.unique(E, return_inverse=True)
+    return V[kept], compact.reshape(E.shape)
 
 
 def _spatial(
@@ -132,22 +119,20 @@ def _spatial(
     notes: list[str] = []
     for V_closed, F_closed, note in _closed_surfaces(V, F, coarseness):
         notes += note
+        distance, _, _ = closest_points(V_closed, F_closed, points)
+        inner = points[occupancy(V_closed, F_closed, points) & (distance > MARGIN)]
+        # A regular tetrahedron with edge h has the volume h^3 / sqrt(72).
+        edge = float(np.cbrt(np.sqrt(72) * abs(enclosed_volume(V_closed, F_closed)) / ELEMENTS))
+        spacing = coarseness * max(SPACING, edge)
         try:
-            inner = points[_well_inside(V_closed, F_closed, points)]
             V_volume, T = conforming_tetrahedra(
-                V_closed,
-                F_closed,
-                inner,
-                spacing=coarseness * _spacing(V_closed, F_closed),
-                quality=coarseness * QUALITY,
+                V_closed, F_closed, inner, spacing=spacing, quality=coarseness * QUALITY
             )
         except ValueError:
             continue
-        if not element_volumes(V_volume, T).min(initial=1) > SMALLEST_VOLUME:
-            continue  # slivers, on which nothing can be solved
-        if len(V_volume) > VOLUME_LIMIT:
-            continue
-        return V_volume, T, len(V_closed), notes
+        # Nothing can be solved on slivers.
+        if len(V_volume) <= VOLUME_LIMIT and element_volumes(V_volume, T).min(initial=1) > SMALLEST_VOLUME:
+            return V_volume, T, len(V_closed), notes
     resolution = BLOCKS
     V_volume, T = blocks(*wrap(V, F, resolution=resolution))
     while len(V_volume) > VOLUME_LIMIT / 2 and resolution > 8:
@@ -160,26 +145,21 @@ def _spatial(
 def _closed_surfaces(
     V: np.ndarray, F: np.ndarray, coarseness: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, list[str]]]:
-    """Surfaces to fill, the best first, with what is to be said of each."""
+    """Surfaces to fill, the best first, each with its notes."""
     from nilbs.geometry.copyleft.decimation import decimated
 
     defects = solid_defects(V, F)
     if not defects:
-        said = []
+        notes = []
         if len(V) > SURFACE_LIMIT:
             V, F = decimated(V, F, DECIMATED)
-            said = [f"the surface is large: weights are solved inside one with {len(F)} triangles"]
-        yield *_refined(V, F, coarseness * LONGEST_EDGE), said
+            notes = [f"the surface is large: weights are solved inside one with {len(F)} triangles"]
+        yield *_refined(V, F, coarseness * LONGEST_EDGE), notes
         defects = ["it could not be filled"]
-    said = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
+    notes = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
     for resolution in RESOLUTIONS:
-        yield *decimated(*wrapping_surface(V, F, resolution=resolution), DECIMATED), said
-        said = ["a coarser wrap was needed"]
-
-
-def _spacing(V: np.ndarray, F: np.ndarray) -> float:
-    # A regular tetrahedron with edge h has the volume h^3 / sqrt(72).
-    return max(SPACING, float(np.cbrt(np.sqrt(72) * abs(enclosed_volume(V, F)) / ELEMENTS)))
+        yield *decimated(*wrapping_surface(V, F, resolution=resolution), DECIMATED), notes
+        notes = ["a coarser wrap was needed"]
 
 
 def _refined(V: np.ndarray, F: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -191,36 +171,19 @@ def _refined(V: np.ndarray, F: np.ndarray, longest: float) -> tuple[np.ndarray, 
     return V, F.astype(np.int64)
 
 
-def _well_inside(V: np.ndarray, F: np.ndarray, points: np.ndarray) -> np.ndarray:
-    distance, _, _ = closest_points(V, F, points)
-    return np.flatnonzero(occupancy(V, F, points) & (distance > MARGIN))
-
-
 def blocks(grid: Grid, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Tetrahedra V, T that fill the cells of a grid in space with a corner of negative level.
 
     Vertices of the boundary come first. Six tetrahedra a cell, Kuhn's subdivision, which agrees across neighbouring
     cells.
-
-    Examples
-    --------
-    >>> levels = np.ones((3, 3, 3)); levels[1, 1, 1] = -1
-    >>> V, T = blocks(Grid([0, 0, 0], 1.0, (3, 3, 3)), levels)
-    >>> len(V), len(T), float(element_volumes(V, T).sum().round(9))
-    (27, 48, 8.0)
     """
-    inside = levels < 0
-    corner = list(np.ndindex(2, 2, 2))
-    cells = np.logical_or.reduce(
-        [inside[tuple(slice(o, n - 1 + o) for o, n in zip(c, grid.shape, strict=True))] for c in corner]
-    )
-    cell = np.argwhere(cells)
+    cell = np.argwhere(np.logical_or.reduce(cell_corners(levels < 0, 3)))
     # A path from corner 000 to 111 along the axes in each of their six orders.
-    paths = np.array([np.cumsum(np.eye(3, dtype=np.int64)[list(order)], axis=0) for order in _ORDERS])
+    paths = np.array([np.cumsum(np.eye(3, dtype=np.int64)[list(order)], axis=0) for order in permutations(range(3))])
     paths = np.concatenate([np.zeros((6, 1, 3), dtype=np.int64), paths], axis=1)
     node = np.ravel_multi_index(tuple(np.moveaxis(cell[:, None, None] + paths, -1, 0)), grid.shape).reshape(-1, 4)
     used, T = np.unique(node, return_inverse=True)
-    V = grid.origin + grid.spacing * np.stack(np.unravel_index(used, grid.shape), axis=1)
+    V = grid.nodes(used)
     T = T.reshape(-1, 4)
     T = np.where((element_volumes(V, T) < 0)[:, None], T[:, [0, 2, 1, 3]], T)
     outer = np.zeros(len(V), dtype=bool)
@@ -229,6 +192,3 @@ def blocks(grid: Grid, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     rank = np.empty(len(V), dtype=np.int64)
     rank[order] = np.arange(len(V))
     return V[order], rank[T]
-
-
-_ORDERS = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))

@@ -1,15 +1,15 @@
-"""Posed surfaces from a field, without asking it at every node of a fine grid."""
+"""Posed surfaces from a field, without a query at every node of a fine grid."""
 
 from collections.abc import Callable
 
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from nilbs.geometry.grids import Grid
+from nilbs.geometry.grids import Grid, cell_corners
 from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.surface import Surface
 
-# A block of cells is looked into where the rest distance at one of its corners is below this many block diagonals.
+# A block of cells is refined if the rest distance at one of its corners is below this many block diagonals.
 # Distance changes at most as fast as position at rest; the margin is for stretched skin and for the blend's own slope.
 MARGIN = 1.5
 
@@ -17,18 +17,17 @@ MARGIN = 1.5
 def field_surface(
     values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]], grid: Grid, *, stride: int = 4
 ) -> Surface:
-    """Surface of a field on a grid, by asking coarsely first.
+    """Surface of a field on a grid, queried at coarse nodes first.
 
     Parameters
     ----------
     values : function of (n, d) points
-        Returns two (n,) arrays: the level, negative inside, and the distance that tells how near the surface may be.
-        None in place of the second where nothing tells: only blocks with both signs and their neighbours are looked
-        into.
+        Returns two (n,) arrays: the level, negative inside, and a bound on the distance of the surface. With None in
+        place of the second only blocks with both signs and their neighbours are refined.
     grid : Grid
         Where the surface is wanted.
     stride : int
-        Edge of a block in cells; 1 asks at every node.
+        Edge of a block in cells; with 1 every node is queried.
 
     Returns
     -------
@@ -67,8 +66,8 @@ def node_levels(
     >>> def disk(x):
     ...     distance = np.linalg.norm(x, axis=1) - 1
     ...     return distance, distance
-    >>> levels, asked = node_levels(disk, Grid.cube([[-1, -1], [1, 1]], 64), stride=8)
-    >>> levels.shape, asked < levels.size
+    >>> levels, queries = node_levels(disk, Grid.cube([[-1, -1], [1, 1]], 64), stride=8)
+    >>> levels.shape, queries < levels.size
     ((65, 65), True)
     """
     shape = np.array(grid.shape)
@@ -77,10 +76,10 @@ def node_levels(
     level, distance = values(grid.origin + grid.spacing * coarse)
     level = level.reshape(blocks + 1)
     levels = np.empty(grid.shape)
-    # Far from the surface only the sign matters; every node takes its block's first corner, then the fine ones follow.
+    # Far from the surface only the sign matters: every node takes the level of its block's first corner.
     nodes = np.ix_(*(np.arange(n) // stride for n in shape))
     levels[...] = level[nodes]
-    near = _mixed(level < 0)
+    near = _any_corner(level < 0) & _any_corner(level >= 0)
     if distance is None:
         near = binary_dilation(near, np.ones((3,) * near.ndim))
     else:
@@ -95,20 +94,11 @@ def node_levels(
             )
         )
         fine |= near[index]
-    asked = np.argwhere(fine)
-    levels[fine] = values(grid.origin + grid.spacing * asked)[0]
-    return levels, len(coarse) + len(asked)
-
-
-def _mixed(inside: np.ndarray) -> np.ndarray:
-    """Blocks with corners on both sides of the surface."""
-    return _any_corner(inside) & _any_corner(~inside)
+    near_nodes = np.argwhere(fine)
+    levels[fine] = values(grid.origin + grid.spacing * near_nodes)[0]
+    return levels, len(coarse) + len(near_nodes)
 
 
 def _any_corner(marked: np.ndarray) -> np.ndarray:
     """Blocks with a corner that is marked."""
-    corners = (
-        tuple(slice(o, n - 1 + o) for o, n in zip(offset, marked.shape, strict=True))
-        for offset in np.ndindex(*(2,) * marked.ndim)
-    )
-    return np.logical_or.reduce([marked[corner] for corner in corners])
+    return np.logical_or.reduce(cell_corners(marked, marked.ndim))

@@ -11,10 +11,8 @@ def facet_areas(V: np.ndarray, F: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices, in mesh units; d is 2 or 3.
-    F : (m, d) int array
-        Facets, indices into V.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets; d is 2 or 3.
 
     Returns
     -------
@@ -33,7 +31,7 @@ def facet_areas(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     >>> facet_areas([[0, 0], [3, 4]], [[0, 1]])
     array([5.])
     """
-    V, F = _surface(V, F)
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", "V"))
     normal = _scaled_normals(V, F)
     return np.linalg.norm(normal, axis=1) / (V.shape[1] - 1)
 
@@ -43,10 +41,9 @@ def facet_normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    F : (m, d) int array
-        Facets: triangles counter-clockwise seen from outside, or edges with the inside on their left.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices and facets; d is 2 or 3. Facets are triangles counter-clockwise seen from outside, or edges with the
+        inside on their left.
 
     Returns
     -------
@@ -63,7 +60,7 @@ def facet_normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     >>> facet_normals([[0, 0], [2, 0]], [[0, 1]])
     array([[ 0., -1.]])
     """
-    V, F = _surface(V, F)
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", "V"))
     normal = _scaled_normals(V, F)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return np.divide(normal, length, out=np.zeros_like(normal), where=length > 0) + 0.0
@@ -128,10 +125,7 @@ def seamless(V: np.ndarray, F: np.ndarray) -> np.ndarray:
     >>> seamless(V, [[0, 1, 2], [3, 4, 5]]).tolist()
     [[0, 1, 2], [1, 4, 2]]
     """
-    V, F = arrays(V=(V, "n d"), F=(F, "m k", int))
-    if not len(F):
-        return F
-    check_indices("F", F, len(V), "vertices")
+    V, F = arrays(V=(V, "n d"), F=(F, "m k", "V"))
     used = np.unique(F)
     _, first, place = np.unique(V[used] + 0.0, axis=0, return_index=True, return_inverse=True)  # turns -0.0 into 0.0
     joined = np.arange(len(V))
@@ -180,13 +174,6 @@ def is_watertight(F: np.ndarray) -> bool:
         repeated = bool((tail == head).any())
     start, end = np.sort(start), np.sort(end)
     return not repeated and np.array_equal(start, end) and bool((np.diff(start) > 0).all())
-
-
-def _surface(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
-    if len(F):
-        check_indices("F", F, len(V), "vertices")
-    return V, F
 
 
 def _scaled_normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 
 from nilbs.geometry.validation import arrays
 
-# Of a grid that is told by its resolution: more are a slip of the hand, and would take all memory there is.
+# Of a grid given by its resolution: more cells than this are a mistake, and would fill the memory.
 MOST_CELLS = 2**31
 
 
@@ -49,7 +49,6 @@ class Grid:
             raise ValueError(f"shape must hold d = {len(origin)} positive numbers, got {self.shape}")
         if not (np.isfinite(self.spacing) and self.spacing > 0):
             raise ValueError(f"spacing must be positive, got {self.spacing}")
-        # A frozen dataclass is filled in by its own __setattr__'s parent.
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "spacing", float(self.spacing))
         object.__setattr__(self, "shape", shape)
@@ -144,25 +143,25 @@ class Grid:
 
     def points(self) -> np.ndarray:
         """All nodes (size, d); ``values.reshape(grid.shape)`` gives values at these points their place."""
-        return self._nodes(0, self.size)
+        return self.nodes(np.arange(self.size))
+
+    def nodes(self, index: np.ndarray) -> np.ndarray:
+        """Nodes (s, d) of indices (s,) among :meth:`points`."""
+        return self.origin + self.spacing * np.stack(np.unravel_index(index, self.shape), axis=-1)
 
     def chunks(self, size: int) -> Iterator[tuple[slice, np.ndarray]]:
-        """All nodes in pieces of at most `size`, each after its slice among :meth:`points`.
-
-        Examples
-        --------
-        >>> [part for part, x in Grid([0.0, 0.0], 1.0, (2, 3)).chunks(4)]
-        [slice(0, 4, None), slice(4, 6, None)]
-        """
+        """All nodes in pieces of at most `size`, each after its slice among :meth:`points`."""
         if size < 1:
             raise ValueError(f"size must be positive, got {size}")
         for start in range(0, self.size, size):
             stop = min(start + size, self.size)
-            yield slice(start, stop), self._nodes(start, stop)
+            yield slice(start, stop), self.nodes(np.arange(start, stop))
 
-    def _nodes(self, start: int, stop: int) -> np.ndarray:
-        index = np.unravel_index(np.arange(start, stop), self.shape)
-        return self.origin + self.spacing * np.stack(index, axis=1)
+
+def cell_corners(values: np.ndarray, d: int) -> list[np.ndarray]:
+    """Values at the first, second and so on corner of every cell, as views; the last d axes are the grid's."""
+    sides, leading = (slice(None, -1), slice(1, None)), (slice(None),) * (values.ndim - d)
+    return [values[leading + tuple(sides[side] for side in corner)] for corner in np.ndindex(*(2,) * d)]
 
 
 def _bounding_box(V: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -1,12 +1,11 @@
 """Bones as handles: the points that hold a volume mesh, and the weights that are known there."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.validation import arrays, listed
+from nilbs.geometry.validation import arrays
 
 
 @dataclass(frozen=True)
@@ -116,14 +115,3 @@ def bone_conditions(
     W_fixed = np.zeros((len(fixed), bones))
     W_fixed[row, pairs[:, 1]] = 1 / count[row]
     return BoneConditions(fixed, W_fixed, np.flatnonzero(without & ~away), np.flatnonzero(away))
-
-
-def described(bones: Sequence[int] | np.ndarray, names: Sequence[str]) -> str:
-    """Names of bones for a sentence: the first few, and how many more there are.
-
-    Examples
-    --------
-    >>> described([0, 2], ["hip", "knee", "toe"])
-    'hip, toe'
-    """
-    return listed([names[bone] for bone in bones])

@@ -4,7 +4,7 @@ import numpy as np
 
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.plane import in_space
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 from nilbs.geometry.volume import boundary_facets
 
 
@@ -13,12 +13,10 @@ def surface_interpolation(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: n
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices.
-    F : (m, d) int array
-        Facets, at least one.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices and facets, at least one; d is 2 or 3.
     values : (n, k) float array
-        What the vertices hold.
+        Values of the vertices.
     x : (p, d) float array
         Points, on the surface or not.
 
@@ -53,9 +51,8 @@ def facet_values(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: np.ndarray
     array([[0.25]])
     """
     V, F, values, x, facet = arrays(
-        V=(V, "n d"), F=(F, "m d", int), values=(values, "n k"), x=(x, "p d"), facet=(facet, "p", int)
+        V=(V, "n d"), F=(F, "m d", int), values=(values, "n k"), x=(x, "p d"), facet=(facet, "p", "F")
     )
-    check_indices("facet", facet, len(F), "facets")
     corners = V[F[facet]]
     edges = corners[:, 1:] - corners[:, :1]
     gram = edges @ edges.transpose(0, 2, 1)
@@ -72,12 +69,10 @@ def volume_interpolation(V: np.ndarray, T: np.ndarray, values: np.ndarray, x: np
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices.
-    T : (t, d+1) int array
-        Elements, at least one.
+    V, T : (n, d) float array and (t, d+1) int array
+        Vertices and elements: triangles or tetrahedra, at least one.
     values : (n, k) float array
-        What the vertices hold.
+        Values of the vertices.
     x : (p, d) float array
         Points.
 
@@ -97,10 +92,9 @@ def volume_interpolation(V: np.ndarray, T: np.ndarray, values: np.ndarray, x: np
     >>> volume_interpolation(V, T, [[0.0], [1.0], [0.0]], [[0.5, 0.25], [3, 0]]).round(12).ravel()
     array([0.5, 1. ])
     """
-    V, T, values, x = arrays(V=(V, "n d"), T=(T, "t d+1", int), values=(values, "n k"), x=(x, "p d"))
+    V, T, values, x = arrays(V=(V, "n d"), T=(T, "t d+1", "V"), values=(values, "n k"), x=(x, "p d"))
     if not len(T):
         raise ValueError("a volume mesh without elements has no values")
-    check_indices("T", T, len(V), "vertices")
     if V.shape[1] == 2:
         # In the plane the elements are a surface of their own, whose closest place is the point itself where it is in.
         return surface_interpolation(in_space(V), T, values, in_space(x))

@@ -1,9 +1,9 @@
-"""Where a surface runs into itself."""
+"""Self-intersections of a surface."""
 
 import numpy as np
 
 from nilbs.geometry.boxes import overlapping_boxes
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 
 TOUCHING = 1e-9  # of the surface's extent: facets nearer than this touch
 _FOLDED = 1e-9  # rad; facets at an angle below this lie on each other
@@ -16,10 +16,8 @@ def self_intersections(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, bool]:
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    F : (m, d) int array
-        Facets: edges in the plane, triangles in space.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices and facets; d is 2 or 3. Facets are edges in the plane, triangles in space.
 
     Returns
     -------
@@ -50,14 +48,12 @@ def self_intersections(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, bool]:
     >>> self_intersections(V, [[0, 1, 2], [3, 4, 5]])
     (array([[0, 1]]), True)
     """
-    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", "V"))
     nothing = np.zeros((0, 2), dtype=np.int64)
     if not len(F):
         return nothing, True
-    check_indices("F", F, len(V), "vertices")
-    _, place = np.unique(V + 0.0, axis=0, return_inverse=True)  # -0.0 is 0.0
+    V, place = np.unique(V + 0.0, axis=0, return_inverse=True)  # -0.0 is 0.0
     F = place.reshape(-1)[F]
-    V = _one_per_place(V, place.reshape(-1))
     lower = V[F].min(axis=(0, 1))
     size = float((V[F].max(axis=(0, 1)) - lower).max()) or 1.0
     V = (V - lower) / size
@@ -83,11 +79,6 @@ def t_junctions(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """Ends of edges (r, 2) that lie on another edge between its ends: a surface is open there though it looks closed.
 
     An end at the place of another end is no junction.
-
-    Examples
-    --------
-    >>> t_junctions([[0, 0, 0], [2, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1], [2, 3]])
-    array([2])
     """
     V, edges = arrays(V=(V, "n 3"), edges=(edges, "r 2", int))
     ends = np.unique(edges)
@@ -110,14 +101,7 @@ def t_junctions(V: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def degenerate_facets(V: np.ndarray, F: np.ndarray) -> np.ndarray:
-    """Mask (m,) of facets that repeat a corner, or are thinner than 1e-9 of their longest edge.
-
-    Examples
-    --------
-    >>> V = [[0, 0, 0], [1, 0, 0], [3, 0, 0], [0, 1, 0]]
-    >>> degenerate_facets(V, [[0, 1, 2], [0, 1, 3], [0, 0, 1]]).tolist()
-    [True, False, True]
-    """
+    """Mask (m,) of facets that repeat a corner, or are thinner than 1e-9 of their longest edge."""
     V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
     edges = V[np.roll(F, -1, axis=1)] - V[F]
     longest = np.sqrt((edges**2).sum(axis=2).max(axis=1, initial=0))
@@ -125,12 +109,6 @@ def degenerate_facets(V: np.ndarray, F: np.ndarray) -> np.ndarray:
         return longest == 0
     edges = edges / np.where(longest > 0, longest, 1)[:, None, None]
     return np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) <= TOUCHING
-
-
-def _one_per_place(V: np.ndarray, place: np.ndarray) -> np.ndarray:
-    merged = np.empty((int(place.max()) + 1, V.shape[1]))
-    merged[place] = V
-    return merged
 
 
 def _touching(V: np.ndarray, F: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:

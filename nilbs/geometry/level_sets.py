@@ -82,10 +82,9 @@ def _clear_of_nodes(height: np.ndarray) -> np.ndarray:
     while True:
         least = size.copy()
         for axis in range(height.ndim):
-            ahead, behind = [slice(None)] * height.ndim, [slice(None)] * height.ndim
-            ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
-            for here, there in ((tuple(ahead), tuple(behind)), (tuple(behind), tuple(ahead))):
-                np.maximum(least[here], _CLEARANCE * size[there], out=least[here])
+            here, there = np.moveaxis(least, axis, 0), _CLEARANCE * np.moveaxis(size, axis, 0)
+            np.maximum(here[1:], there[:-1], out=here[1:])
+            np.maximum(here[:-1], there[1:], out=here[:-1])
         # What was raised may now stand above its own neighbours; every round reaches values 1e4 times smaller.
         if np.array_equal(least, size):
             return sign * size

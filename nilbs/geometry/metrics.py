@@ -5,7 +5,7 @@ import numpy as np
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.facets import components, facet_areas, facet_normals, is_watertight
 from nilbs.geometry.sampling import facet_samples
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 
 # The F-score counts a sample as reached within this part of the unit.
 _F_SCORE_DISTANCE = 0.01
@@ -62,20 +62,16 @@ def surface_scores(
 
     Parameters
     ----------
-    U : (nv, d) float array
-        Vertices of the reconstruction, in mesh units; d is 2 or 3.
-    F : (m, d) int array
-        Its facets, indices into U.
-    U_true : (nt, d) float array
-        Vertices of the true surface.
-    F_true : (mt, d) int array
-        Its facets, indices into U_true.
+    U, F : (n, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets of the reconstruction; d is 2 or 3.
+    U_true, F_true : (k, d) float array and (l, d) int array
+        Vertices and facets of the true surface.
     unit : float
         The length that stands for 100 %, in mesh units: the longest edge of the rest mesh's bounding box.
     n : int, optional
         Number of samples of each surface.
     rng : numpy.random.Generator
-        Source of chance.
+        Random number generator.
 
     Returns
     -------
@@ -109,10 +105,11 @@ def surface_scores(
     >>> scores["chamfer_l1"] < 1e-12, scores["f_score"], scores["components"], scores["watertight"]
     (True, 1.0, 1, True)
     """
-    U, F, U_true, F_true = arrays(U=(U, "n d"), F=(F, "m d", int), U_true=(U_true, "k d"), F_true=(F_true, "l d", int))
-    for name, faces, vertices in (("F", F, U), ("F_true", F_true, U_true)):
-        if len(faces):
-            check_indices(name, faces, len(vertices), "vertices")
+    from scipy.spatial import cKDTree
+
+    U, F, U_true, F_true = arrays(
+        U=(U, "n d"), F=(F, "m d", "U"), U_true=(U_true, "k d"), F_true=(F_true, "l d", "U_true")
+    )
     if not unit > 0:
         raise ValueError(f"unit must be positive, got {unit}")
     if n < 1:
@@ -138,17 +135,10 @@ def surface_scores(
     aligned_true = np.sum(normal_true[facet_true] * normal[nearest], axis=1)
     percent = 100 / float(unit)
     scores["chamfer_l1"] = percent * float(accuracy.mean() + completeness.mean()) / 2
-    scores["chamfer_l1_sampled"] = percent * _sampled_chamfer(x, x_true)
+    there, back = cKDTree(x_true).query(x)[0], cKDTree(x).query(x_true)[0]
+    scores["chamfer_l1_sampled"] = percent * float(there.mean() + back.mean()) / 2
     scores["hausdorff"] = percent * float(both.max())
     scores["p95"] = percent * float(np.percentile(both, 95))
     scores["normal_consistency"] = float(aligned.mean() + aligned_true.mean()) / 2
     scores["f_score"] = float(2 * precision * recall / (precision + recall)) if precision + recall else 0.0
     return scores
-
-
-def _sampled_chamfer(x: np.ndarray, y: np.ndarray) -> float:
-    from scipy.spatial import cKDTree
-
-    there, _ = cKDTree(y).query(x)
-    back, _ = cKDTree(x).query(y)
-    return float(there.mean() + back.mean()) / 2

@@ -1,10 +1,10 @@
-"""Facets turned alike."""
+"""Consistent orientation of facets."""
 
 import numpy as np
 
 from nilbs.geometry.facets import facet_areas
 from nilbs.geometry.topology import group_labels, ridges
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 
 
 def coherent_orientation(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -12,17 +12,15 @@ def coherent_orientation(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.n
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices; d is 2 or 3.
-    F : (m, d) int array
-        Facets: edges in the plane, triangles in space.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices and facets; d is 2 or 3. Facets are edges in the plane, triangles in space.
 
     Returns
     -------
     F : (m, d) int array
         The same facets in the same order, some of them turned around.
     flipped : (m,) bool array
-        Which.
+        Which facets were turned.
 
     Raises
     ------
@@ -45,11 +43,10 @@ def coherent_orientation(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.n
     >>> F.tolist(), flipped.tolist()
     ([[0, 1, 2], [0, 2, 3], [1, 4, 2]], [False, True, False])
     """
-    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", "V"))
     m = len(F)
     if not m:
         return F.copy(), np.zeros(0, dtype=bool)
-    check_indices("F", F, len(V), "vertices")
     first, second, alike = ridges(F).neighbours()
     patch = group_labels(first, second, m)
     turned, one_sided = _sides(first, second, alike, m)
@@ -61,7 +58,7 @@ def coherent_orientation(V: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.n
     area = facet_areas(V, F)
     majority = np.bincount(patch, np.where(turned, -area, area), minlength=m) >= 0
     turned = turned == majority[patch]
-    # Only where that helped.
+    # Patches that do not gain neighbours that agree stay as they were.
     before = np.bincount(patch[first], ~alike, minlength=m)
     after = np.bincount(patch[first], alike == (turned[first] != turned[second]), minlength=m)
     flipped = turned & (after < before)[patch]

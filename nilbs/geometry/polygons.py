@@ -18,8 +18,8 @@ def cut_polygons(V: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tupl
     that no triangles cover once, because they cross themselves, or are concave and too large: these are cut in some
     way.
 
-    Of a fan around the first corner, one around another and ears [1]_ the first that covers the polygon, seen along its
-    mean normal, is taken; it need not be quite flat.
+    A polygon, seen along its mean normal, is cut into a fan around its first corner if that covers it, else into one
+    around another corner, else into ears [1]_. It need not be quite flat.
 
     References
     ----------
@@ -125,7 +125,7 @@ def _ears(points: np.ndarray, limit: int) -> tuple[list[list[int]], int]:
     while len(triangles) < k - 2:
         left = k - len(triangles)
         steps += len(dents) + 1
-        # After a round in vain the polygon has only corners without area, or it crosses itself: then any will do.
+        # After a round without an ear all corners have no area, or the polygon crosses itself: then any corner is cut.
         if steps < limit and failures < left and not is_ear(b):
             b, failures = after[b], failures + 1
             continue

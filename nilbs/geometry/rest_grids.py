@@ -1,4 +1,4 @@
-"""The rest pose on grids: signed distance that is exact at the skin, and weights that go on beyond it."""
+"""The rest pose on grids: signed distance that is exact at the surface, and weights that continue beyond it."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from nilbs.geometry.distance import closest_points
-from nilbs.geometry.grids import Grid
+from nilbs.geometry.grids import Grid, cell_corners
 from nilbs.geometry.interpolation import facet_values, volume_interpolation
 from nilbs.geometry.topology import group_labels, ridges
 from nilbs.geometry.validation import arrays
 from nilbs.geometry.winding import occupancy
 
-# Nodes that libigl is asked for at once.
+# Nodes that are evaluated at once.
 CHUNK = 2**19
 # The coarsest grid has at least this many cells along its shortest edge.
 COARSEST = 4
@@ -92,7 +92,7 @@ def distance_bricks(
         raise ValueError(f"parts must be at least 2, got {list(parts)}")
     coarse = distance_grid(V, F, grid)
     d, cells = coarse.ndim, np.array(grid.shape) - 1
-    farthest = np.maximum.reduce([np.abs(corner) for corner in _corners(coarse, d)])
+    farthest = np.maximum.reduce([np.abs(corner) for corner in cell_corners(coarse, d)])
     chosen = np.argwhere(farthest <= grid.spacing * np.sqrt(d))
     brick = _numbered(farthest.shape, chosen) if len(parts) else np.full(cells, -1, dtype=np.int32)
     values, finer = [coarse.ravel()], [np.empty(0, dtype=np.int32)]
@@ -106,11 +106,11 @@ def distance_bricks(
         exact = _exact(V, F, grid, known)
         nodes = exact[which].reshape(-1, *(part + 1,) * d)
         bends = _bends(nodes, d)
-        missed = np.mean(_corners(np.abs(bends).sum(axis=0), d), axis=0) / 8
-        again = missed > tolerance + relative * np.abs(np.mean(_corners(nodes, d), axis=0))
+        missed = np.mean(cell_corners(np.abs(bends).sum(axis=0), d), axis=0) / 8
+        again = missed > tolerance + relative * np.abs(np.mean(cell_corners(nodes, d), axis=0))
         again &= division < len(parts)
         cells_at, read_at = np.zeros(nodes.shape), np.zeros(nodes.shape)
-        for all_cells, read_cells in zip(_corners(cells_at, d), _corners(read_at, d), strict=True):
+        for all_cells, read_cells in zip(cell_corners(cells_at, d), cell_corners(read_at, d), strict=True):
             all_cells += 1
             read_cells += ~again
         bend = np.bincount(which, bends.sum(axis=0).ravel()) / np.bincount(which)
@@ -150,39 +150,17 @@ def weight_grid(
     node = np.flatnonzero(distance < band)
     if not len(node):
         node = np.array([int(distance.argmin())])
-    points = grid.origin + grid.spacing * np.stack(np.unravel_index(node, grid.shape), axis=1)
     W_node = np.empty((len(node), W.shape[1]))
     for start in range(0, len(node), CHUNK):
         part = slice(start, start + CHUNK)
-        W_node[part] = _weights(V, F, W, V_volume, T, W_volume, points[part], distance[node[part]] < 0, depth)
+        x, inside, found = grid.nodes(node[part]), distance[node[part]] < 0, W_node[part]
+        found[inside] = volume_interpolation(V_volume, T, W_volume, x[inside])
+        outer = x[~inside]
+        away, facet, skin = closest_points(V, F, outer)
+        # The mirror image of the point in the skin, no deeper than `depth`.
+        mirrored = skin - (outer - skin) * (np.minimum(away, depth) / np.maximum(away, 1e-300))[:, None]
+        found[~inside] = 2 * facet_values(V, F, W, skin, facet) - volume_interpolation(V_volume, T, W_volume, mirrored)
     return node, W_node / W_node.sum(axis=1, keepdims=True)
-
-
-def _weights(
-    V: np.ndarray,
-    F: np.ndarray,
-    W: np.ndarray,
-    V_volume: np.ndarray,
-    T: np.ndarray,
-    W_volume: np.ndarray,
-    x: np.ndarray,
-    inside: np.ndarray,
-    depth: float,
-) -> np.ndarray:
-    found = np.empty((len(x), W.shape[1]))
-    found[inside] = volume_interpolation(V_volume, T, W_volume, x[inside])
-    outer = x[~inside]
-    away, facet, skin = closest_points(V, F, outer)
-    # The mirror image of the point in the skin, no deeper than `depth`.
-    mirrored = skin - (outer - skin) * (np.minimum(away, depth) / np.maximum(away, 1e-300))[:, None]
-    found[~inside] = 2 * facet_values(V, F, W, skin, facet) - volume_interpolation(V_volume, T, W_volume, mirrored)
-    return found
-
-
-def _corners(values: np.ndarray, d: int) -> list[np.ndarray]:
-    """Values at the first, second and so on corner of every cell, as views; the last d axes are the grid's."""
-    sides, leading = (slice(None, -1), slice(1, None)), (slice(None),) * (values.ndim - d)
-    return [values[leading + tuple(sides[side] for side in corner)] for corner in np.ndindex(*(2,) * d)]
 
 
 def _bends(values: np.ndarray, d: int) -> np.ndarray:
@@ -203,12 +181,12 @@ def _numbered(shape: tuple[int, ...], chosen: np.ndarray) -> np.ndarray:
 
 def _exact(V: np.ndarray, F: np.ndarray, grid: Grid, node: np.ndarray) -> np.ndarray:
     """Signed distance at nodes of a grid, given as ascending indices among all."""
-    length = _asked(lambda x: closest_points(V, F, x)[0], grid, node)
+    length = _at_nodes(lambda x: closest_points(V, F, x)[0], grid, node)
     side = _sides(F, grid, node, length)
-    # Of each side the node that is farthest from the surface tells where all lie.
+    # All nodes of a side lie where the one farthest from the surface lies.
     order = np.lexsort((length, side))
-    told = order[np.diff(side[order], append=-1) != 0]
-    inside = _asked(lambda x: occupancy(V, F, x), grid, node[told]) > 0
+    farthest = order[np.diff(side[order], append=-1) != 0]
+    inside = _at_nodes(lambda x: occupancy(V, F, x), grid, node[farthest]) > 0
     return np.where(inside[side], -length, length)
 
 
@@ -235,13 +213,12 @@ def _sides(F: np.ndarray, grid: Grid, node: np.ndarray, length: np.ndarray) -> n
     return group_labels(first, second, len(node))
 
 
-def _asked(function: Callable[[np.ndarray], np.ndarray], grid: Grid, node: np.ndarray) -> np.ndarray:
+def _at_nodes(function: Callable[[np.ndarray], np.ndarray], grid: Grid, node: np.ndarray) -> np.ndarray:
     """Values of a function at nodes of a grid, some at once."""
     values = np.empty(len(node))
     for start in range(0, len(node), CHUNK):
         part = slice(start, start + CHUNK)
-        index = np.stack(np.unravel_index(node[part], grid.shape), axis=1)
-        values[part] = function(grid.origin + grid.spacing * index)
+        values[part] = function(grid.nodes(node[part]))
     return values
 
 

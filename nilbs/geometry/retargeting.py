@@ -12,8 +12,8 @@ from nilbs.geometry.rotations import nearest_rotations, rotation_vectors, transf
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, listed
 
-# A bone is a limb where all that hangs from it lies in this cone, and it is long enough that its direction tells the
-# pose, and not where in the flesh somebody put the joints.
+# A bone is a limb if all that hangs from it lies in this cone, and it is so long that its direction depends on the pose
+# and not on where in the flesh the joints were placed.
 _CONE = np.cos(np.radians(60))
 _LIMB = 1 / 8  # of the longest way along bones
 _LEAN = np.radians(30)  # a limb that leans less is no reason to tilt hands and feet
@@ -27,7 +27,8 @@ class Retargeted:
 
     B (t, b, d+1, d+1) are the target's transforms, rest to posed; `axes` (d, d) the rotation by quarter turns from the
     source's axes; `scale` a length of the target over that of the source. Along the target's axes `from_first` (d,) the
-    first frame is so far from the source's rest pose that it does not count: it is placed on the lowest joint at rest.
+    first frame is so far from the source's rest pose that translation does not count from there: the lowest joint of
+    that frame is put where the lowest joint at rest is.
     """
 
     B: np.ndarray
@@ -141,7 +142,7 @@ def guess_bone_map(source: Skeleton, target: Skeleton) -> dict[str, str]:
 
     Notes
     -----
-    Bones are matched by what their names say, see `nilbs.geometry.bone_names`. Of those, a pair is left out where the
+    Bones are matched by their names, see `nilbs.geometry.bone_names`. Of those, a pair is left out where the
     two lie at other places in their bodies: where the ways along the bones from the topmost of them, at the median
     ratio of such ways, differ by more than 0.3 of the longest. So is a pair where the hierarchy is upside down: a bone
     would follow one above that which its own ancestor follows.
@@ -169,9 +170,9 @@ def guess_bone_map(source: Skeleton, target: Skeleton) -> dict[str, str]:
         }
     if not pairs:
         raise ValueError(
-            f"the names do not tell which bone of the motion moves which of the character: the motion moves "
-            f"{listed(source.names)}, the character has {listed(target.names)}. Say which belong together in a bone "
-            f'map, a JSON file such as {{"{target.names[0]}": "{source.names[0]}"}}'
+            f"no bone of the motion has a name like one of the character: the motion moves {listed(source.names)}, the "
+            f"character has {listed(target.names)}. Give the pairs in a bone map, a JSON file such as "
+            f'{{"{target.names[0]}": "{source.names[0]}"}}'
         )
     return {target.names[bone]: source.names[led] for bone, led in pairs.items()}
 
@@ -203,11 +204,6 @@ def quarter_turns_between(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Rotation R (d, d) by quarter turns that brings points x (n, d) nearest to y, whatever their sizes and places.
 
     Of equally good ones that of the least angle.
-
-    Examples
-    --------
-    >>> quarter_turns_between([[0, 0], [1, 0]], [[0, 0], [0, 3]]).astype(int).tolist()
-    [[0, -1], [1, 0]]
     """
     x, y = arrays(x=(x, "n d"), y=(y, "n d"))
     d = x.shape[1]
@@ -219,13 +215,7 @@ def quarter_turns_between(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def least_rotation(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Rotation of the least angle that takes one direction (d,) to another; a half turn if they are opposite.
-
-    Examples
-    --------
-    >>> least_rotation([1, 0, 0], [0, 2, 0]).round().astype(int).tolist()
-    [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
-    """
+    """Rotation of the least angle that takes one direction (d,) to another; a half turn if they are opposite."""
     u, v = arrays(u=(u, "d"), v=(v, "d"))
     u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
     half = u + v

@@ -1,18 +1,18 @@
 """Bounded biharmonic weights of any rigged mesh: a volume to solve in, what the bones hold of it, and the solution."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.domain import MARGIN, volume_domain
-from nilbs.geometry.handles import BoneConditions, bone_conditions, bone_points, described, distinct_points
+from nilbs.geometry.handles import BoneConditions, bone_conditions, bone_points, distinct_points
 from nilbs.geometry.interpolation import volume_interpolation
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.topology import group_labels
+from nilbs.geometry.validation import arrays, listed
 from nilbs.geometry.volume import boundary_facets
 from nilbs.geometry.weights import biharmonic_energy, bounded_biharmonic_weights
 from nilbs.geometry.winding import occupancy
@@ -23,7 +23,7 @@ SNAP = 0.02  # how far the vertex may be that such a point holds
 REACH = 0.1  # how far outside a bone may lie and still hold the nearest place
 # Every bone is one more column to solve for: with more than this the volume has fewer elements.
 MANY_BONES = 64
-# A rig whose joints span less of the mesh than this is taken for one in another unit.
+# A rig whose joints span less of the mesh than this seems to be in another unit.
 SMALLEST_RIG = 0.03
 
 
@@ -93,22 +93,19 @@ def solve_weights(
     >>> solve_weights(V, E, skeleton).W.sum(axis=1).round(6)
     array([1., 1., 1., 1.])
     """
-    V, E = arrays(V=(V, "n d"), E=(E, "m 3", int))
-    check_indices("E", E, len(V), "vertices")
+    V, E = arrays(V=(V, "n d"), E=(E, "m 3", "V"))
     check_rig_fits(V[np.unique(E)], skeleton)
     size = float(np.linalg.norm(np.ptp(V[np.unique(E)], axis=0)))
     x, bone = bone_points(skeleton, spacing=SPACING * size)
     coarseness = max(1.0, float(np.cbrt(len(skeleton.BE) / MANY_BONES)))
     domain = volume_domain(V, E, x[distinct_points(x, MARGIN * size)], coarseness=coarseness)
     known = _held(domain.V, domain.T, x, bone, len(skeleton.BE), size, reach)
-    notes = [*domain.notes, *_told(known, skeleton)]
+    notes = [*domain.notes, *_notes(known, skeleton)]
     if not len(known.fixed):
         raise ValueError(f"no bone lies within {reach:g} diagonals of the mesh: is the rig in the same unit and frame?")
     W_volume, lonely = _solved_by_parts(domain.V, domain.T, known, x, bone, method, progress)
     if len(lonely):
-        notes.append(
-            f"parts of the mesh that no bone enters ({len(lonely)}) follow {described(lonely, skeleton.names)}"
-        )
+        notes.append(f"parts of the mesh that no bone enters ({len(lonely)}) follow {_named(lonely, skeleton.names)}")
     W = np.clip(volume_interpolation(domain.V, domain.T, W_volume, V), 0, 1)  # rounding leaves one by its last digit
     energy = biharmonic_energy(domain.V, domain.T, W_volume)
     return SolvedWeights(W, domain.V, domain.T, W_volume, energy, method, tuple(notes))
@@ -130,14 +127,14 @@ def check_rig_fits(V: np.ndarray, skeleton: Skeleton) -> None:
     gap = np.linalg.norm(np.maximum(np.maximum(lower - C.max(axis=0), C.min(axis=0) - upper), 0))
     if gap > REACH * size:
         raise ValueError(f"the rig lies outside the mesh: {boxes}; bring both to the same unit and frame")
-    if 0 < extent < SMALLEST_RIG * size and len(C) > 2:
-        raise ValueError(
-            f"the rig is {size / extent:.3g} times smaller than the mesh: {boxes}; bring both to the same unit"
-        )
-    if 0 < size < SMALLEST_RIG * extent:
-        raise ValueError(
-            f"the rig is {extent / size:.3g} times larger than the mesh: {boxes}; bring both to the same unit"
-        )
+    small = 0 < extent < SMALLEST_RIG * size and len(C) > 2
+    if small or 0 < size < SMALLEST_RIG * extent:
+        times, how = (size / extent, "smaller") if small else (extent / size, "larger")
+        raise ValueError(f"the rig is {times:.3g} times {how} than the mesh: {boxes}; bring both to the same unit")
+
+
+def _named(bones: Sequence[int] | np.ndarray, names: Sequence[str]) -> str:
+    return listed([names[bone] for bone in bones])
 
 
 def _written(x: np.ndarray, size: float) -> str:
@@ -155,22 +152,21 @@ def _held(
     return bone_conditions(V, np.unique(T), x, bone, inside, bones=bones, snap=SNAP * size, reach=reach * size)
 
 
-def _told(known: BoneConditions, skeleton: Skeleton) -> list[str]:
+def _notes(known: BoneConditions, skeleton: Skeleton) -> list[str]:
     names, notes = skeleton.names, []
     if len(known.outside):
         notes.append(
-            f"bones without a place inside hold the nearest one ({len(known.outside)}): "
-            f"{described(known.outside, names)}"
+            f"bones without a place inside hold the nearest one ({len(known.outside)}): {_named(known.outside, names)}"
         )
     if len(known.away):
-        notes.append(f"bones far from the mesh move nothing ({len(known.away)}): {described(known.away, names)}")
+        notes.append(f"bones far from the mesh move nothing ({len(known.away)}): {_named(known.away, names)}")
     # Bones that hold the same vertices.
     holds = known.W_fixed > 0
     pattern, index = np.unique(holds.T, axis=0, return_inverse=True)
     index, count = index.ravel(), np.bincount(index.ravel(), minlength=len(pattern))
     together = [bone for bone in range(len(names)) if count[index[bone]] > 1 and pattern[index[bone]].any()]
     if together:
-        notes.append(f"bones on top of each other share their weights ({len(together)}): {described(together, names)}")
+        notes.append(f"bones on top of each other share their weights ({len(together)}): {_named(together, names)}")
     return notes
 
 
@@ -178,11 +174,7 @@ def _solved_by_parts(
     V: np.ndarray, T: np.ndarray, known: BoneConditions, x: np.ndarray, bone: np.ndarray, method: str, progress: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weights of a volume, and the bones that parts without a bone of their own follow."""
-    edges = T[:, [0] * (T.shape[1] - 1)], T[:, 1:]
-    graph = coo_array(
-        (np.ones(edges[0].size, dtype=np.int8), (edges[0].ravel(), edges[1].ravel())), shape=(len(V),) * 2
-    )
-    _, part = connected_components(graph, directed=False)
+    part = group_labels(np.repeat(T[:, 0], T.shape[1] - 1), T[:, 1:].ravel(), len(V))
     loose = ~np.isin(part, part[known.fixed])
     # A bone that holds nothing has no weight, exactly.
     holds = np.any(known.W_fixed > 0, axis=0)

@@ -158,14 +158,7 @@ def transform_points(B: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def nearest_rotations(A: np.ndarray) -> np.ndarray:
-    """Rotations nearest to matrices (..., d, d) in the Frobenius norm: the polar factor with determinant one.
-
-    Examples
-    --------
-    >>> nearest_rotations([[2.0, 0.0], [0.0, 3.0]])
-    array([[1., 0.],
-           [0., 1.]])
-    """
+    """Rotations nearest to matrices (..., d, d) in the Frobenius norm: the polar factor with determinant one."""
     (A,) = arrays(A=(A, "... d d"))
     left, _, right = np.linalg.svd(A)
     # A reflection is turned into a rotation along the direction that A stretches least.

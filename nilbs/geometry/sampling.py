@@ -1,11 +1,10 @@
 """Random points: in a box, on a surface by area, in a volume by volume, near a surface."""
 
-import math
-
 import numpy as np
 
 from nilbs.geometry.facets import facet_areas
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
+from nilbs.geometry.volume import element_volumes
 
 
 def uniform_samples(lower: np.ndarray, upper: np.ndarray, n: int, *, rng: np.random.Generator) -> np.ndarray:
@@ -21,7 +20,8 @@ def uniform_samples(lower: np.ndarray, upper: np.ndarray, n: int, *, rng: np.ran
     lower, upper = arrays(lower=(lower, "d"), upper=(upper, "d"))
     if (upper < lower).any():
         raise ValueError(f"upper must not be below lower, got {upper.tolist()} and {lower.tolist()}")
-    _check_count(n)
+    if n < 0:
+        raise ValueError(f"n must not be negative, got {n}")
     return lower + (upper - lower) * rng.random((n, len(lower)))
 
 
@@ -30,14 +30,12 @@ def facet_samples(V: np.ndarray, F: np.ndarray, n: int, *, rng: np.random.Genera
 
     Parameters
     ----------
-    V : (nv, d) float array
-        Vertices, in mesh units; d is 2 or 3.
-    F : (m, d) int array
-        Facets, indices into V.
+    V, F : (nv, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets; d is 2 or 3.
     n : int
         Number of points.
     rng : numpy.random.Generator
-        Source of chance.
+        Random number generator.
 
     Returns
     -------
@@ -49,7 +47,7 @@ def facet_samples(V: np.ndarray, F: np.ndarray, n: int, *, rng: np.random.Genera
     Raises
     ------
     ValueError
-        If shapes disagree, F indexes a missing vertex, n is negative, or points are asked of a surface without area.
+        If shapes disagree, F indexes a missing vertex, n is negative, or n is positive and the surface has no area.
 
     Examples
     --------
@@ -71,14 +69,12 @@ def element_samples(
 
     Parameters
     ----------
-    V : (nv, d) float array
-        Vertices, in mesh units; d is 2 or 3.
-    T : (t, d+1) int array
-        Triangles in 2D, tetrahedra in 3D, indices into V; the orientation does not matter.
+    V, T : (nv, d) float array and (t, d+1) int array
+        Vertices, in mesh units, and elements: triangles or tetrahedra; the orientation does not matter.
     n : int
         Number of points.
     rng : numpy.random.Generator
-        Source of chance.
+        Random number generator.
 
     Returns
     -------
@@ -92,7 +88,7 @@ def element_samples(
     Raises
     ------
     ValueError
-        If shapes disagree, T indexes a missing vertex, n is negative, or points are asked of a mesh without volume.
+        If shapes disagree, T indexes a missing vertex, n is negative, or n is positive and the mesh has no volume.
 
     Examples
     --------
@@ -103,10 +99,7 @@ def element_samples(
     True
     """
     V, T = arrays(V=(V, "n d"), T=(T, "t d+1", int))
-    if len(T):
-        check_indices("T", T, len(V), "vertices")
-    volume = np.abs(np.linalg.det(V[T[:, 1:]] - V[T[:, :1]])) / math.factorial(V.shape[1])
-    element = _weighted_choice(volume, n, "volume mesh", rng)
+    element = _weighted_choice(np.abs(element_volumes(V, T)), n, "volume mesh", rng)
     barycentric = _uniform_barycentric(n, V.shape[1] + 1, rng)
     return np.einsum("nk,nkd->nd", barycentric, V[T[element]]), element, barycentric
 
@@ -116,16 +109,14 @@ def near_surface_samples(V: np.ndarray, F: np.ndarray, n: int, *, std: float, rn
 
     Parameters
     ----------
-    V : (nv, d) float array
-        Vertices, in mesh units; d is 2 or 3.
-    F : (m, d) int array
-        Facets, indices into V.
+    V, F : (nv, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets; d is 2 or 3.
     n : int
         Number of points.
     std : float
         Standard deviation of the noise along each axis, in mesh units.
     rng : numpy.random.Generator
-        Source of chance.
+        Random number generator.
 
     Returns
     -------
@@ -149,14 +140,10 @@ def near_surface_samples(V: np.ndarray, F: np.ndarray, n: int, *, std: float, rn
     return x + std * rng.standard_normal(x.shape)
 
 
-def _check_count(n: int) -> None:
-    if n < 0:
-        raise ValueError(f"n must not be negative, got {n}")
-
-
 def _weighted_choice(weight: np.ndarray, n: int, what: str, rng: np.random.Generator) -> np.ndarray:
     """Indices drawn with probability proportional to weight; never one whose weight is zero."""
-    _check_count(n)
+    if n < 0:
+        raise ValueError(f"n must not be negative, got {n}")
     total = np.cumsum(weight)
     if n and not (len(weight) and total[-1] > 0):
         raise ValueError(f"cannot sample a {what} of no extent")

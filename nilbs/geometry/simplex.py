@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 from nilbs.geometry.validation import arrays
 
-_TOLERANCE = 1e-6  # of weights below zero and of row sums beside one; less is rounding, and not told
+_TOLERANCE = 1e-6  # of weights below zero and of row sums beside one; less is rounding, and not reported
 
 
 def weights_on_simplex(

@@ -10,10 +10,6 @@ from nilbs.geometry.plane import in_space, is_flat
 from nilbs.geometry.validation import arrays, check_indices
 
 
-def _no_forks() -> np.ndarray:
-    return np.zeros((0, 2), dtype=np.int64)
-
-
 @dataclass(frozen=True)
 class Skeleton:
     """Bones of a character at rest.
@@ -48,11 +44,11 @@ class Skeleton:
     BE: np.ndarray
     P: np.ndarray
     names: tuple[str, ...]
-    forks: np.ndarray = field(default_factory=_no_forks)
+    forks: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
 
     def __post_init__(self) -> None:
         checked = arrays(
-            C=(self.C, "k d"), BE=(self.BE, "b 2", int), P=(self.P, "b", int), forks=(self.forks, "f 2", int)
+            C=(self.C, "k d"), BE=(self.BE, "b 2", "C"), P=(self.P, "b", int), forks=(self.forks, "f 2", int)
         )
         for name, value in zip(("C", "BE", "P", "forks"), checked, strict=True):
             object.__setattr__(self, name, value)
@@ -60,7 +56,6 @@ class Skeleton:
         b = len(self.BE)
         if not b:
             raise ValueError("the rig has no bone")
-        check_indices("BE", self.BE, len(self.C), "joints")
         check_indices("forks[:, 0]", self.forks[:, :1], b, "bones")
         check_indices("forks[:, 1]", self.forks[:, 1:], len(self.C), "joints")
         bone_order(self.P)

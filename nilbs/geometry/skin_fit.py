@@ -42,16 +42,6 @@ def fit_to_skin(
     ----------
     .. [1] Gilbert, Iterative methods for the three-dimensional reconstruction of an object from projections, 1972,
        doi:10.1016/0022-5193(72)90180-4.
-
-    Examples
-    --------
-    >>> V, F, W = [[0.25], [0.75]] @ np.eye(1, 2) + [0, 0.5], [[0, 1]], [[1.0, 0.0], [1.0, 0.0]]
-    >>> grid, W_node = Grid([0.0, 0.0], 1.0, (2, 2)), np.full((4, 2), 0.5)
-    >>> fit_to_skin(V, F, W, grid, [0, 1, 2, 3], W_node, rng=np.random.default_rng(0)).round(1) + 0
-    array([[1., 0.],
-           [1., 0.],
-           [1., 0.],
-           [1., 0.]])
     """
     V, F, W = arrays(V=(V, "n d"), F=(F, "m d", int), W=(W, "n b"))
     node, W_node = arrays(node=(node, "s", int), W_node=(W_node, f"s {W.shape[1]}"))

@@ -12,10 +12,8 @@ def linear_blend_skinning(V: np.ndarray, W: np.ndarray, B: np.ndarray) -> np.nda
     ----------
     V : (n, d) float array
         Rest positions, in mesh units; d is 2 or 3.
-    W : (n, b) float array
-        Skinning weights; every row sums to one.
-    B : (b, d+1, d+1) float array
-        Homogeneous bone transforms, rest to posed, acting on column vectors.
+    W, B : (n, b) and (b, d+1, d+1) float arrays
+        Skinning weights, whose rows sum to one; bone transforms, rest to posed, acting on column vectors (x, 1).
 
     Returns
     -------
@@ -54,10 +52,8 @@ def inverse_linear_blend_skinning(x: np.ndarray, W: np.ndarray, B: np.ndarray) -
     ----------
     x : (n, d) float array
         Posed positions, in mesh units; d is 2 or 3.
-    W : (n, b) float array
-        Skinning weights of each point; every row sums to one.
-    B : (b, d+1, d+1) float array
-        Homogeneous bone transforms, rest to posed, acting on column vectors.
+    W, B : (n, b) and (b, d+1, d+1) float arrays
+        Skinning weights, whose rows sum to one; bone transforms, rest to posed, acting on column vectors (x, 1).
 
     Returns
     -------

@@ -44,9 +44,8 @@ def conforming_triangles(
     step = spacing * size
     if step > 0:
         for point in _hexagonal_points(V.min(axis=0), V.max(axis=0), step):
-            # Not nearer to a vertex than this, or the point would make the mesh worse instead of better.
-            if mesh.nearest_vertex_distance(point) > 0.7 * step:
-                mesh.insert(point)
+            # A point nearer to a vertex than this would make the mesh worse instead of better.
+            mesh.insert(point, clearance=0.7 * step)
     return mesh.vertices(), mesh.triangles()
 
 
@@ -76,18 +75,14 @@ class _Triangulation:
     def triangles(self) -> np.ndarray:
         return self.corners[: self.t].copy()
 
-    def nearest_vertex_distance(self, point: np.ndarray) -> float:
-        square = ((self.points[: self.n] - point) ** 2).sum(axis=1)
-        # A vertex without a triangle is not part of the mesh, so it does not stand in for a new one.
-        square[self.loose] = np.inf
-        return float(np.sqrt(square.min()))
-
     def flip_all(self) -> None:
         self._legalize([edge for edge in self.left if edge[0] < edge[1]])
 
-    def insert(self, point: np.ndarray) -> None:
-        """Add a point; one that is a vertex already, or lies outside, changes nothing."""
-        if self.nearest_vertex_distance(point) <= self.tolerance:
+    def insert(self, point: np.ndarray, clearance: float = 0.0) -> None:
+        """Add a point; one this near to a vertex, or outside, changes nothing."""
+        square = ((self.points[: self.n] - point) ** 2).sum(axis=1)
+        square[self.loose] = np.inf  # a vertex without a triangle is not part of the mesh
+        if np.sqrt(square.min()) <= max(clearance, self.tolerance):
             return
         a, b, c = (self.points[self.corners[: self.t, i]] for i in range(3))
         # Distances to the three sides, positive inside.
@@ -134,17 +129,10 @@ class _Triangulation:
 
     def _flip_helps(self, a: int, b: int, c: int, d: int) -> bool:
         """Whether d lies inside the circumcircle of a, b, c and both triangles stay positive after the flip."""
-        pa, pb, pc, pd = (self.points[v].tolist() for v in (a, b, c, d))
+        pa, pb, pc, pd = self.points[[a, b, c, d]].tolist()
         if _area(pc, pd, pb) <= 0 or _area(pd, pc, pa) <= 0:
             return False
-        ax, ay, bx, by, cx, cy = (
-            pa[0] - pd[0],
-            pa[1] - pd[1],
-            pb[0] - pd[0],
-            pb[1] - pd[1],
-            pc[0] - pd[0],
-            pc[1] - pd[1],
-        )
+        (ax, ay), (bx, by), (cx, cy) = ((p[0] - pd[0], p[1] - pd[1]) for p in (pa, pb, pc))
         a2, b2, c2 = ax * ax + ay * ay, bx * bx + by * by, cx * cx + cy * cy
         terms = (a2 * (bx * cy - cx * by), -b2 * (ax * cy - cx * ay), c2 * (ax * by - bx * ay))
         # Four points on one circle may be flipped either way; without the margin rounding could flip them for ever.

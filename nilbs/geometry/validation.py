@@ -5,14 +5,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
+# What the rows of an array are.
+_ROWS = {"V": "vertices", "U": "vertices", "U_true": "vertices", "C": "joints", "F": "facets"}
+
 
 def arrays(**named: tuple) -> list[np.ndarray]:
     """Convert arguments to float64 or int64 arrays and check their shapes against each other.
 
-    Each is given as its value, its shape in letters and, for indices, ``int``: ``V=(V, "n d")``, ``F=(F, "m d", int)``.
-    A letter stands for one size everywhere in the call, and d for 2 or 3; ``d+1`` adds to it; a number stands for
-    itself; a leading ``...`` takes any dimensions. A shape that disagrees, or a number that is not finite, is a
-    ValueError.
+    Each is given as its value, its shape in letters and, for whole numbers, ``int``, or the name of the earlier array
+    that they index: ``V=(V, "n d")``, ``P=(P, "b", int)``, ``F=(F, "m d", "V")``. A letter stands for one size
+    everywhere in the call, and d for 2 or 3; ``d+1`` adds to it; a number stands for itself; a leading ``...`` takes
+    any dimensions. A shape that disagrees, a number that is not finite or an index that does not exist is a ValueError.
 
     Examples
     --------
@@ -21,7 +24,12 @@ def arrays(**named: tuple) -> list[np.ndarray]:
     ValueError: W must be (n, b) = (2, b), got (3, 1)
     """
     sizes: dict[str, int] = {}
-    return [_array(name, *spec, sizes=sizes) for name, spec in named.items()]
+    values: dict[str, np.ndarray] = {}
+    for name, (value, letters, *kind) in named.items():
+        values[name] = _array(name, value, letters, int if kind else float, sizes)
+        if kind and kind[0] is not int:
+            check_indices(name, values[name], len(values[kind[0]]), _ROWS[kind[0]])
+    return list(values.values())
 
 
 def check_indices(name: str, indices: np.ndarray, size: int, of: str) -> None:
@@ -43,10 +51,10 @@ def listed(words: Sequence[str]) -> str:
     return ", ".join(words[:5]) + more
 
 
-def _array(name: str, value: object, letters: str, kind: type = float, *, sizes: dict[str, int]) -> np.ndarray:
+def _array(name: str, value: object, letters: str, kind: type, sizes: dict[str, int]) -> np.ndarray:
     try:
         array = np.asarray(value)
-        # A nan does not become an integer quietly; that it is none is said below.
+        # A nan becomes some integer; the comparison below finds it.
         with np.errstate(invalid="ignore"):
             converted = array.astype(np.int64 if kind is int else np.float64, copy=False)
     except (TypeError, ValueError) as error:
@@ -54,20 +62,16 @@ def _array(name: str, value: object, letters: str, kind: type = float, *, sizes:
     if kind is int and not np.array_equal(converted, array):
         raise ValueError(f"{name} must hold whole numbers")
     terms = letters.split()
-    leading = terms[0] == "..."
-    shape = array.shape
-    if leading:
-        terms = terms[1:]
-        shape = shape[len(shape) - len(terms) :] if len(shape) >= len(terms) else ()
+    dots = terms[:1] if terms[0] == "..." else []
+    terms = terms[len(dots) :]
+    shape = array.shape[max(array.ndim - len(terms), 0) :] if dots else array.shape
     fits = len(shape) == len(terms)
     for term, size in zip(terms, shape, strict=False):
         fits = fits and _size(term, size, sizes) == size
     if not fits:
-        dots = ["..."] if leading else []
-        wanted = ", ".join(dots + terms) + ("," if len(dots + terms) == 1 else "")
-        found = [(term, _size(term, None, sizes)) for term in terms]
-        known = ", ".join(dots + [term if size is None else str(size) for term, size in found])
-        known += "," if len(dots + terms) == 1 else ""
+        sizes_found = [_size(term, None, sizes) for term in terms]
+        numbers = [term if size is None else str(size) for term, size in zip(terms, sizes_found, strict=True)]
+        wanted, known = (", ".join(dots + words) + "," * (len(dots + words) == 1) for words in (terms, numbers))
         equal = "" if known == wanted else f" = ({known})"
         raise ValueError(f"{name} must be ({wanted}){equal}, got {array.shape}")
     if sizes.get("d", 2) not in (2, 3):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 
 
 def element_volumes(V: np.ndarray, T: np.ndarray) -> np.ndarray:
@@ -12,10 +12,8 @@ def element_volumes(V: np.ndarray, T: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices, in mesh units.
-    T : (t, d+1) int array
-        Elements, indices into V.
+    V, T : (n, d) float array and (t, d+1) int array
+        Vertices, in mesh units, and elements: triangles or tetrahedra.
 
     Returns
     -------
@@ -33,8 +31,7 @@ def element_volumes(V: np.ndarray, T: np.ndarray) -> np.ndarray:
     >>> element_volumes([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
     array([0.5])
     """
-    V, T = arrays(V=(V, "n d"), T=(T, "t d+1", int))
-    check_indices("T", T, len(V), "vertices")
+    V, T = arrays(V=(V, "n d"), T=(T, "t d+1", "V"))
     return np.linalg.det(V[T[:, 1:]] - V[T[:, :1]]) / math.factorial(V.shape[1])
 
 

@@ -7,14 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from scipy import sparse
 
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 
 # The penalties of the splitting, in two norms one after the other; lengths are in diagonals of the domain. With the
 # mass matrix, a soft penalty settles the smooth large part of the weights and a hard one the steep small part, so it
-# goes from hard to soft and back. The diagonal of the energy, which knows how fine the elements are, settles what is
-# left around the bones, the softer the finer. On eighteen small shapes, in the plane and in space, coarse and fine,
-# the result is within 1.4e-4 of the least energy, and within 0.009 of the exact weights; but 0.012 to 0.022 on three
-# in the plane whose bones cross.
+# goes from hard to soft and back. The diagonal of the energy, which depends on how fine the elements are, settles what
+# is left around the bones. On eighteen small shapes the result is within 1.4e-4 of the least energy, and within 0.009
+# of the exact weights; but 0.012 to 0.022 on three in the plane whose bones cross.
 MASS_PENALTIES = (1e7, 3e5, 1e4, 3e5, 1e7)
 ENERGY_PENALTIES = (1e-1, 1e-2, 1e-3)
 # A penalty has done its work when no weight changed by more than this in a few iterations, one after the other.
@@ -37,10 +36,8 @@ def bounded_biharmonic_weights(
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices of a volume mesh.
-    T : (t, d+1) int array
-        Its elements, indices into V.
+    V, T : (n, d) float array and (t, d+1) int array
+        Vertices and elements of a volume mesh: triangles or tetrahedra.
     fixed : (f,) int array
         Vertices whose weights are known, without repetition.
     W_fixed : (f, b) float array
@@ -69,11 +66,10 @@ def bounded_biharmonic_weights(
     Notes
     -----
     Minimises 1/2 sum_b w_b' L M^-1 L w_b, eq. 1 of [1]_, with libigl's cotangent Laplacian L and mass matrix M, over
-    all bones at once, so that the partition of unity is part of the problem and not an afterthought. Solved by the
-    alternating direction method of multipliers [2]_: a linear solve, one factorisation for all bones, and a projection
-    of every row on the simplex [3]_ take turns. What is returned is the projected iterate, so its bounds and sums do
-    not depend on convergence. The penalty changes in stages (see the constants above), each of which starts from the
-    weights and multipliers of the one before.
+    all bones at once, so that the partition of unity is part of the problem. The alternating direction method of
+    multipliers [2]_ repeats a linear solve, one factorisation for all bones, and a projection of every row on the
+    simplex [3]_. The result is the projected iterate, so its bounds and sums do not depend on convergence. The penalty
+    changes in stages, each of which starts from the weights and multipliers of the one before.
 
     References
     ----------
@@ -91,15 +87,12 @@ def bounded_biharmonic_weights(
     array([[0.5, 0.5],
            [0.5, 0.5]])
     """
-    V, T = arrays(V=(V, "n d"), T=(T, "t d+1", int))
-    fixed, W_fixed = arrays(fixed=(fixed, "f", int), W_fixed=(W_fixed, "f b"))
-    check_indices("T", T, len(V), "vertices")
-    check_indices("fixed", fixed, len(V), "vertices")
+    V, T, fixed, W_fixed = arrays(V=(V, "n d"), T=(T, "t d+1", "V"), fixed=(fixed, "f", "V"), W_fixed=(W_fixed, "f b"))
     if len(np.unique(fixed)) < len(fixed):
         raise ValueError("fixed names a vertex twice")
     if len(W_fixed) and (W_fixed.min() < -1e-9 or np.abs(W_fixed.sum(axis=1) - 1).max() > 1e-9):
         raise ValueError("rows of W_fixed must be non-negative and sum to one")
-    used, T = _compact(T, len(V))
+    used, T = _compact(T)
     # A vertex without an element (a surface vertex twice in the file) has its weights but holds nothing.
     holds = np.isin(fixed, used)
     lost = np.flatnonzero((W_fixed.max(axis=0, initial=0) > 0) & (W_fixed[holds].max(axis=0, initial=0) <= 0))
@@ -110,7 +103,10 @@ def bounded_biharmonic_weights(
     held = np.searchsorted(used, fixed[holds])
     _check_every_part_is_held(K, held, used)
     if method == "igl":
-        W_used = _bone_by_bone(x, T, held, W_fixed[holds])
+        import igl
+
+        W_used = np.clip(igl.bbw(x, T, held, W_fixed[holds], max_iter=50), 0, 1)
+        W_used /= W_used.sum(axis=1, keepdims=True)
     elif method == "joint":
         W_used = _joint(K, mass, held, W_fixed[holds], iterations, progress)
     else:
@@ -124,18 +120,12 @@ def biharmonic_energy(V: np.ndarray, T: np.ndarray, W: np.ndarray) -> float:
     """Half the sum over bones of w' L M^-1 L w, which bounded biharmonic weights minimise.
 
     In mesh units to the power d - 4.
-
-    Examples
-    --------
-    >>> biharmonic_energy([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], [[1], [1], [1]])
-    0.0
     """
-    V, T, W = arrays(V=(V, "n d"), T=(T, "t d+1", int), W=(W, "n b"))
-    check_indices("T", T, len(V), "vertices")
-    used, T = _compact(T, len(V))
+    V, T, W = arrays(V=(V, "n d"), T=(T, "t d+1", "V"), W=(W, "n b"))
+    used, T = _compact(T)
     x, size = _unit(V[used])
     K, _ = _energy_matrix(x, T)
-    # No less than zero, whatever rounding makes of a constant.
+    # For constant weights rounding may give less than zero.
     return max(0.0, 0.5 * float(np.einsum("ij,ij->", W[used], K @ W[used]))) * size ** (V.shape[1] - 4)
 
 
@@ -144,20 +134,13 @@ def extend_weights(V: np.ndarray, T: np.ndarray, W_known: np.ndarray) -> np.ndar
 
     A harmonic function takes its largest and smallest values on the boundary, so the extension keeps bounds and sums;
     the projection repairs what obtuse elements break.
-
-    Examples
-    --------
-    >>> V, T = [[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5]], [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
-    >>> extend_weights(V, T, [[1, 0], [1, 0], [0, 1], [0, 1]])[4].round(6)
-    array([0.5, 0.5])
     """
     import igl
 
-    V, T, W_known = arrays(V=(V, "n d"), T=(T, "t d+1", int), W_known=(W_known, "k b"))
-    check_indices("T", T, len(V), "vertices")
+    V, T, W_known = arrays(V=(V, "n d"), T=(T, "t d+1", "V"), W_known=(W_known, "k b"))
     if len(W_known) > len(V):
         raise ValueError(f"W_known has {len(W_known)} rows, more than the {len(V)} vertices")
-    used, T = _compact(T, len(V))
+    used, T = _compact(T)
     known = np.flatnonzero(used < len(W_known))
     solved = np.zeros((len(used), W_known.shape[1]))
     if len(known):
@@ -195,7 +178,7 @@ def simplex_projection(W: np.ndarray) -> np.ndarray:
 
 
 def _simplex(W: np.ndarray) -> np.ndarray:
-    # Duchi et al., fig. 1: after sorting, the number of entries that stay positive tells the common amount to subtract.
+    # Duchi et al., fig. 1: after sorting, the number of entries that stay positive gives the amount to subtract.
     ordered = -np.sort(-W, axis=1)
     excess = np.cumsum(ordered, axis=1) - 1
     rank = np.arange(1, W.shape[1] + 1)
@@ -204,12 +187,10 @@ def _simplex(W: np.ndarray) -> np.ndarray:
     return np.clip(W - shift[:, None], 0, 1)
 
 
-def _compact(T: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _compact(T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The vertices that elements use, ascending, and the elements as indices into those."""
-    used = np.unique(T)
-    place = np.full(n, -1)
-    place[used] = np.arange(len(used))
-    return used, place[T]
+    used, place = np.unique(T, return_inverse=True)
+    return used, place.reshape(T.shape)
 
 
 def _unit(V: np.ndarray) -> tuple[np.ndarray, float]:
@@ -236,15 +217,8 @@ def _check_every_part_is_held(K: sparse.csc_matrix, fixed: np.ndarray, used: np.
         vertex = used[np.flatnonzero(part == loose[0])[0]]
         raise ValueError(
             f"{len(loose)} of the mesh's {count} separate parts (one holds vertex {vertex}) touch no bone, "
-            "so nothing tells their weights; connect the parts or give each a bone"
+            "so their weights are undetermined; connect the parts or give each a bone"
         )
-
-
-def _bone_by_bone(V: np.ndarray, T: np.ndarray, fixed: np.ndarray, W_fixed: np.ndarray) -> np.ndarray:
-    import igl
-
-    W = np.clip(igl.bbw(V, T, fixed, W_fixed, max_iter=50), 0, 1)
-    return W / W.sum(axis=1, keepdims=True)
 
 
 def _joint(
@@ -266,8 +240,7 @@ def _joint(
     # Two stages with one penalty share its factors.
     last = {penalty.tobytes(): stage for stage, penalty in enumerate(stages)}
     kept: dict[bytes, Callable[[np.ndarray], np.ndarray]] = {}
-    # The factors release the interpreter, so that bones share the cores; threads of the linear algebra below them
-    # would only be in each other's way.
+    # The factors release the interpreter lock, so that bones share the cores; more threads in BLAS would only compete.
     with (
         threadpool_limits(1, "blas"),
         ThreadPoolExecutor(os.cpu_count()) as pool,

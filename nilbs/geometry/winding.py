@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 
 
 def winding_number(V: np.ndarray, F: np.ndarray, x: np.ndarray, *, exact: bool = False) -> np.ndarray:
@@ -10,10 +10,9 @@ def winding_number(V: np.ndarray, F: np.ndarray, x: np.ndarray, *, exact: bool =
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices, in mesh units; d is 2 or 3.
-    F : (m, d) int array
-        Facets: triangles counter-clockwise seen from outside, or edges with the inside on their left.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets; d is 2 or 3. Facets are triangles counter-clockwise seen from outside, or
+        edges with the inside on their left.
     x : (p, d) float array
         Query points, in mesh units.
     exact : bool, optional
@@ -50,10 +49,9 @@ def winding_number(V: np.ndarray, F: np.ndarray, x: np.ndarray, *, exact: bool =
     >>> winding_number(V, F, [[0.2, 0.2], [0.9, 0.9]])
     array([1., 0.])
     """
-    V, F, x = arrays(V=(V, "n d"), F=(F, "m d", int), x=(x, "p d"))
+    V, F, x = arrays(V=(V, "n d"), F=(F, "m d", "V"), x=(x, "p d"))
     if not len(F):
         return np.zeros(len(x))
-    check_indices("F", F, len(V), "vertices")
     if V.shape[1] == 2:
         return _curve_winding_number(V, F, x)
     import igl
@@ -72,10 +70,8 @@ def occupancy(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    V : (n, d) float array
-        Vertices, in mesh units; d is 2 or 3.
-    F : (m, d) int array
-        Facets, indices into V.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets; d is 2 or 3.
     x : (p, d) float array
         Query points, in mesh units.
 

@@ -1,4 +1,4 @@
-"""A closed surface around any triangles: what holds a volume where the mesh itself holds none."""
+"""A closed surface around any triangles: the boundary of a volume if the mesh itself is none."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from nilbs.geometry.facets import facet_areas
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.sampling import facet_samples
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 from nilbs.geometry.winding import occupancy
 
 # Half the thickness, in cells, that parts without volume are given: above sqrt(3)/2 any sheet holds together.
 THICKNESS = 0.9
-# Standard deviation, in cells, of the blur that takes off the stairs where the winding number passes one half in the
-# open: decimation folds over them. A sheet of that thickness survives it.
+# Standard deviation, in cells, of a blur. Without it the surface has stairs where the winding number passes one half
+# away from all facets, and decimation folds there. A sheet of the thickness above survives it.
 BLUR = 0.7
 
 
@@ -44,10 +44,9 @@ def wrap(V: np.ndarray, F: np.ndarray, *, resolution: int = 192) -> tuple[Grid, 
     """
     from scipy.ndimage import gaussian_filter
 
-    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", "V"))
     if not len(F):
         raise ValueError("F is empty: there is nothing to wrap")
-    check_indices("F", F, len(V), "vertices")
     grid = Grid.box(V[np.unique(F)], resolution, pad=3.0 / resolution)
 
     def solid(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +54,7 @@ def wrap(V: np.ndarray, F: np.ndarray, *, resolution: int = 192) -> tuple[Grid, 
         return np.where(occupancy(V, F, x), -distance, distance), distance
 
     levels, _ = node_levels(solid, grid, stride=4)
-    # What the blur would take away is thin too.
+    # What the blur would remove is thin too.
     bare = _nodes_without_volume(V, F, grid, gaussian_filter(levels, BLUR) < 0)
     if bare.any():
         distance, _, _ = closest_points(V, F, grid.origin + grid.spacing * np.argwhere(bare))
@@ -64,23 +63,24 @@ def wrap(V: np.ndarray, F: np.ndarray, *, resolution: int = 192) -> tuple[Grid, 
 
 
 def wrapping_surface(V: np.ndarray, F: np.ndarray, *, resolution: int = 192) -> tuple[np.ndarray, np.ndarray]:
-    """Closed surface around any facets.
+    """Closed surface around any facets, whatever their defects; see `wrap`.
 
     Parameters
     ----------
-    V, F, resolution
-        As for `wrap`.
+    V, F : (n, d) float array and (m, d) int array
+        Vertices, in mesh units, and facets, at least one; d is 2 or 3.
+    resolution : int
+        Cells along the longest edge of the bounding box.
 
     Returns
     -------
-    V_wrap : (n', d) float array
-    F_wrap : (m', d) int array
-        Closed and oriented outward.
+    V_wrap, F_wrap : (n', d) float array and (m', d) int array
+        Vertices, in mesh units, and facets, closed and oriented outward.
 
     Raises
     ------
     ValueError
-        As for `wrap`.
+        If the sizes disagree, F is empty or all points coincide.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from nilbs.geometry.handles import BoneConditions, bone_conditions, bone_points, described, distinct_points
+from nilbs.geometry.handles import BoneConditions, bone_conditions, bone_points, distinct_points
 from nilbs.geometry.skeleton import Skeleton
 
 LINE = np.array([[0.0, 0], [1, 0], [2, 0], [3, 0], [4, 0], [0, 3], [4, 3]])
@@ -90,7 +90,7 @@ def test_a_bone_inside_but_far_from_any_vertex_takes_the_nearest() -> None:
     assert known.outside.tolist() == [1]
 
 
-def test_a_bone_outside_holds_the_nearest_places_and_is_told() -> None:
+def test_a_bone_outside_holds_the_nearest_places_and_is_listed() -> None:
     # Bone 1 runs along the line at some distance: it holds all that is about as near as the nearest, not its far end.
     known = conditions(
         [[0, 0], [2, -0.5], [3, -0.52], [4, -0.5], [4, -0.95]], [0, 1, 1, 1, 1], inside=[True] + 4 * [False]
@@ -109,7 +109,7 @@ def test_a_bone_partly_outside_holds_only_what_is_inside() -> None:
     assert known.outside.tolist() == []
 
 
-def test_a_bone_beyond_the_reach_holds_nothing_and_is_told() -> None:
+def test_a_bone_beyond_the_reach_holds_nothing_and_is_listed() -> None:
     x = [[0, 0], [2, -1.2], [4, -0.8]]
     known = conditions(x, [0, 1, 2], inside=[True, False, False])
     np.testing.assert_array_equal(known.fixed, [0, 4])
@@ -149,12 +149,6 @@ def test_neither_unit_nor_place_changes_what_is_held(
     for name, value in vars(known).items():
         np.testing.assert_array_equal(getattr(moved, name), value)
     assert 5 < len(known.fixed) < 40
-
-
-def test_names_for_a_sentence() -> None:
-    assert described([2], "abcdefgh") == "c"
-    assert described(np.arange(5), "abcdefgh") == "a, b, c, d, e"
-    assert described(range(7), "abcdefgh") == "a, b, c, d, e and 2 more"
 
 
 def test_sizes_that_disagree_are_refused() -> None:

@@ -63,6 +63,16 @@ def test_an_index_outside_is_named_with_its_row() -> None:
         check_indices("P", np.array([-1, 0]), 3, "bones")
 
 
+def test_indices_are_checked_against_the_array_that_they_index() -> None:
+    V, F = arrays(V=(np.zeros((3, 2)), "n d"), F=([[0, 2]], "m d", "V"))
+    assert F.dtype == np.int64
+    assert arrays(V=(V, "n d"), F=(np.zeros((0, 2)), "m d", "V"))[1].shape == (0, 2)
+    with pytest.raises(ValueError, match=r"^F\[1\] = \[1, 3\] does not index the 3 vertices$"):
+        arrays(V=(V, "n d"), F=([[0, 1], [1, 3]], "m d", "V"))
+    with pytest.raises(ValueError, match=r"^BE\[0\] = \[-1, 0\] does not index the 3 joints$"):
+        arrays(C=(V, "k d"), BE=([[-1, 0]], "b 2", "C"))
+
+
 def test_words_for_a_sentence() -> None:
     assert listed([]) == ""
     assert listed("abcde") == "a, b, c, d, e"

@@ -290,7 +290,7 @@ def test_progress_goes_to_standard_error(capsys: pytest.CaptureFixture[str]) -> 
         ({"W_fixed": [[1, 0]]}, r"^W_fixed must be \(f, b\) = \(2, b\), got \(1, 2\)$"),
         ({"fixed": [0, 5]}, "^bone 1 is held only by vertices that belong to no element$"),
         ({"T": [[0, 1, 2], [3, 4, 5]], "fixed": [0, 1]}, r"^1 of the mesh's 2 separate parts \(one holds vertex 3\)"),
-        ({"fixed": np.zeros(0), "W_fixed": np.zeros((0, 2))}, "touch no bone, so nothing tells their weights"),
+        ({"fixed": np.zeros(0), "W_fixed": np.zeros((0, 2))}, "touch no bone, so their weights are undetermined"),
         ({"V": np.array([[0, 0], [1, 0], [2, 0], [0, 9], [1, 9], [2, 8.0]])}, "touches only elements without volume$"),
         ({"method": "best"}, "^method must be 'joint' or 'igl', got 'best'$"),
     ],

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 
 
 def decimated(V: np.ndarray, F: np.ndarray, facets: int) -> tuple[np.ndarray, np.ndarray]:
@@ -18,18 +18,8 @@ def decimated(V: np.ndarray, F: np.ndarray, facets: int) -> tuple[np.ndarray, np
     ----------
     .. [1] Garland, Heckbert, Surface simplification using quadric error metrics, SIGGRAPH 1997,
        doi:10.1145/258734.258849.
-
-    Examples
-    --------
-    >>> from nilbs.geometry.grids import Grid
-    >>> from nilbs.geometry.level_sets import isosurface
-    >>> grid = Grid.cube([[-1, -1, -1], [1, 1, 1]], 20)
-    >>> V, F = isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
-    >>> len(decimated(V, F, 200)[1])
-    200
     """
-    V, F = arrays(V=(V, "n 3"), F=(F, "m 3", int))
-    check_indices("F", F, len(V), "vertices")
+    V, F = arrays(V=(V, "n 3"), F=(F, "m 3", "V"))
     if len(F) <= facets:
         return V, F
     import pymeshlab

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from nilbs.geometry.validation import arrays, check_indices
+from nilbs.geometry.validation import arrays
 from nilbs.geometry.volume import element_volumes
 
 PROGRAM = Path(__file__).with_name("tetgen_process.py")
@@ -30,19 +30,10 @@ def conforming_tetrahedra(
     References
     ----------
     .. [1] Si, TetGen, a Delaunay-based quality tetrahedral mesh generator, 2015, doi:10.1145/2629697.
-
-    Examples
-    --------
-    >>> V = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    >>> F = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
-    >>> V2, T = conforming_tetrahedra(V, F, [[0.1, 0.1, 0.1], [0.3, 0.1, 0.1]])
-    >>> float((element_volumes(V2, T).sum() * 6).round(9))
-    1.0
     """
-    V, F, points = arrays(V=(V, "n 3"), F=(F, "m 3", int), points=(points, "s 3"))
-    check_indices("F", F, len(V), "vertices")
-    # TetGen's tolerances are absolute, so it is given a copy of the size one around the origin; rounded, so that the
-    # same mesh in another unit gives the same elements.
+    V, F, points = arrays(V=(V, "n 3"), F=(F, "m 3", "V"), points=(points, "s 3"))
+    # TetGen's tolerances are absolute, so it gets a copy of size one around the origin; rounded, so that the same mesh
+    # in another unit gives the same elements.
     size = float(np.linalg.norm(np.ptp(V, axis=0))) if len(V) else 0.0
     if not size > 0 or not len(F):
         raise ValueError("the surface has no extent, so there is nothing to fill with tetrahedra")
