@@ -51,7 +51,7 @@ def matched(source: Skeleton, target: Skeleton) -> dict[str, str]:
         ("bone" + "9" * 4000, ("", "", ())),
     ],
 )
-def test_names_say_side_part_and_number(name: str, expected: tuple) -> None:
+def test_names_have_a_side_a_part_and_a_number(name: str, expected: tuple) -> None:
     assert tuple(bone_name(name)) == expected
 
 
@@ -65,7 +65,7 @@ def test_names_say_side_part_and_number(name: str, expected: tuple) -> None:
         (("clavicle_l", "upperarm_l", "lowerarm_l", "hand_l"), "upperarm_l"),
     ],
 )
-def test_a_shoulder_is_what_the_other_words_leave(names: tuple[str, ...], arm: str) -> None:
+def test_the_meaning_of_shoulder_depends_on_the_other_bones(names: tuple[str, ...], arm: str) -> None:
     target = chain("clavicle.L", "shoulder01.L", "upperarm01.L", "upperarm02.L", "lowerarm01.L", "wrist.L")
     expected = {
         "clavicle.L": names[0],
@@ -87,12 +87,12 @@ def test_a_shoulder_is_what_the_other_words_leave(names: tuple[str, ...], arm: s
         ("hip.R", "leg.R", "foot.R", "ball.R"),
     ],
 )
-def test_a_leg_is_what_the_other_words_leave(names: tuple[str, ...]) -> None:
+def test_the_meaning_of_leg_depends_on_the_other_bones(names: tuple[str, ...]) -> None:
     target = chain("upperleg01.R", "lowerleg01.R", "foot.R", "toe2-1.R")
     assert matched(chain(*names), target) == dict(zip(target.names, names, strict=True))
 
 
-def test_words_that_stay_undecided_match_themselves() -> None:
+def test_unknown_words_match_themselves() -> None:
     assert matched(chain("leg.L", "thigh.L", "shin.L"), chain("upperleg.L", "lowerleg.L")) == {
         "upperleg.L": "thigh.L",
         "lowerleg.L": "shin.L",
@@ -127,12 +127,12 @@ def test_chains_of_other_lengths_are_matched_by_place() -> None:
     assert matched(chain("Neck1"), flat) == dict.fromkeys(flat.names, "Neck1")
 
 
-def test_of_bones_that_differ_in_marks_the_plainest_is_meant() -> None:
+def test_of_bones_whose_names_differ_in_marks_the_plainest_matches() -> None:
     assert matched(chain("__Hand_L", "Hand_L"), chain("hand.L")) == {"hand.L": "Hand_L"}
     assert matched(chain("Hand_L", "__Hand_L"), chain("hand.L")) == {"hand.L": "Hand_L"}
 
 
-def test_only_one_way_down_the_hierarchy_is_a_chain() -> None:
+def test_a_chain_is_one_path_down_the_hierarchy() -> None:
     source = chain("Tail", "tail_fin1", "tail_1", "tail_2", parents=[-1, 0, 0, 2])
     assert matched(source, chain("tail.001", "tail.002", "tail.003")) == {
         "tail.001": "Tail",
@@ -153,7 +153,7 @@ def test_all_toes_follow_one() -> None:
     assert matched(chain("LeftToe"), target) == dict.fromkeys(target.names, "LeftToe")
 
 
-def test_a_rig_that_names_all_bones_alike_is_matched_by_names_alone() -> None:
+def test_equal_names_match_without_any_meaning() -> None:
     source = chain("joint2", "Hand_L", "joint0", "joint1")
     assert matched(source, chain("joint0", "joint1", "joint2")) == {
         name: name for name in ("joint0", "joint1", "joint2")

@@ -28,7 +28,7 @@ def test_a_surface_with_fewer_triangles_keeps_its_shape_and_topology(facets: int
     assert enclosed_volume(V_few, F_few) == pytest.approx(2 * np.pi**2 * 0.75 * 0.3**2, rel=0.04)
 
 
-def test_what_is_flat_needs_few_triangles() -> None:
+def test_flat_sides_need_few_triangles() -> None:
     n = 12
     i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     x, y = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij"))
@@ -42,8 +42,8 @@ def test_what_is_flat_needs_few_triangles() -> None:
     )
 
 
-def test_the_topology_is_worth_more_than_the_number() -> None:
-    # Two tetrahedra can lose no triangle without losing themselves.
+def test_topology_comes_before_the_number_of_triangles() -> None:
+    # No edge of two tetrahedra can be collapsed without collapsing one of them.
     V = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     F = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     V_few, F_few = decimated(np.concatenate([V, V + 5]), np.concatenate([F, F + 4]), 2)
@@ -61,7 +61,7 @@ def test_a_surface_that_has_no_more_is_returned_as_it_is() -> None:
     assert (V_few.shape, F_few.shape) == ((0, 3), (0, 3))
 
 
-def test_what_is_no_surface_in_space_is_refused() -> None:
+def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^V must be \(n, 3\).*got \(4, 2\)$"):
         decimated(np.zeros((4, 2)), [[0, 1, 2]], 0)
     with pytest.raises(ValueError, match=r"^F\[0\] = \[0, 1, 4\] does not index the 4 vertices$"):

@@ -23,7 +23,7 @@ WRAPPED = "the mesh is not a clean solid ({}): weights are solved in a volume wr
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fewer elements than weights want, and wraps that are made in a moment: what is tested does not depend on them."""
+    """Few elements and coarse wraps, for speed: nothing tested here depends on their number."""
     monkeypatch.setattr("nilbs.geometry.domain.SPACING", 0.08)
     monkeypatch.setattr("nilbs.geometry.domain.ELEMENTS", 2000)
     monkeypatch.setattr("nilbs.geometry.domain.RESOLUTIONS", (36, 24))
@@ -32,21 +32,21 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def refuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
-    """Make TetGen refuse the first surfaces; what comes back are the sizes of all that it was asked to fill."""
+    """Make TetGen refuse the first surfaces; returns a list of the sizes of all surfaces that it gets."""
 
     fill = tetrahedra.conforming_tetrahedra
 
     def arrange(times: int) -> list[int]:
-        asked: list[int] = []
+        sizes: list[int] = []
 
         def refusing(V: np.ndarray, F: np.ndarray, *rest: object, **options: float) -> tuple[np.ndarray, np.ndarray]:
-            asked.append(len(F))
-            if len(asked) <= times:
+            sizes.append(len(F))
+            if len(sizes) <= times:
                 raise ValueError("TetGen could not fill the surface")
             return fill(V, F, *rest, **options)
 
         monkeypatch.setattr(tetrahedra, "conforming_tetrahedra", refusing)
-        return asked
+        return sizes
 
     return arrange
 
@@ -57,7 +57,7 @@ def ball(cells: int = 20) -> tuple[np.ndarray, np.ndarray]:
 
 
 def assert_sound(domain: Domain) -> float:
-    """What holds of every domain; its volume."""
+    """Check what holds for every domain; return its volume."""
     volumes = element_volumes(domain.V, domain.T)
     assert volumes.min() > 0
     assert set(np.unique(boundary_facets(domain.T))) <= set(range(domain.surface))
@@ -162,7 +162,7 @@ def test_every_fallback_in_turn(refuse: Callable[[int], list[int]], monkeypatch)
     monkeypatch.setattr("nilbs.geometry.domain.DECIMATED", 500)
     V, F = ball(20)
     true = enclosed_volume(V, F)
-    said = (
+    notes = (
         "the surface is large: weights are solved inside one with 500 triangles",
         WRAPPED.format("it could not be filled"),
         "a coarser wrap was needed",
@@ -170,16 +170,16 @@ def test_every_fallback_in_turn(refuse: Callable[[int], list[int]], monkeypatch)
     )
     # The decimated surface; a wrap; a coarser one; blocks.
     for times in range(4):
-        asked = refuse(times)
+        sizes = refuse(times)
         domain = volume_domain(V, F, np.array([[0.0, 0.1, 0.2]]))
-        assert domain.notes == said[: times + 1]
-        assert asked == [500] * min(times + 1, 3)
+        assert domain.notes == notes[: times + 1]
+        assert sizes == [500] * min(times + 1, 3)
         assert assert_sound(domain) == pytest.approx(true, rel=0.6 if times == 3 else 0.15)
     # Blocks hold all of the surface.
     assert occupancy(domain.V, boundary_facets(domain.T), V).all()
 
 
-def test_slivers_are_not_solved_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_volume_with_slivers_is_rejected(monkeypatch: pytest.MonkeyPatch) -> None:
     fill, times = tetrahedra.conforming_tetrahedra, []
 
     def flattening(*given: np.ndarray, **options: float) -> tuple[np.ndarray, np.ndarray]:
@@ -204,9 +204,9 @@ def test_a_solid_that_faces_inward_is_turned(which: slice) -> None:
 
 def test_a_clean_solid_that_cannot_be_filled_is_wrapped(refuse: Callable[[int], list[int]]) -> None:
     V, F = ball()
-    asked = refuse(1)
+    sizes = refuse(1)
     domain = volume_domain(V, F, NOWHERE)
-    assert asked[0] == len(F)
+    assert sizes[0] == len(F)
     assert assert_sound(domain) == pytest.approx(enclosed_volume(V, F), rel=0.1)
 
 
@@ -248,7 +248,7 @@ def test_flat_triangles_with_corners_of_their_own_are_joined() -> None:
         (np.full((8, 3), np.nan), CUBE_F, r"^V\[0, 0\] is nan"),
     ],
 )
-def test_what_has_no_inside_and_no_surface_is_refused(V: np.ndarray, E: np.ndarray, message: str) -> None:
+def test_a_mesh_without_inside_and_surface_is_refused(V: np.ndarray, E: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         volume_domain(V, E, np.zeros((0, V.shape[1])))
 
@@ -283,7 +283,7 @@ def test_vertices_in_one_place_become_one_in_their_order(rng: np.random.Generato
         ([], []),
     ],
 )
-def test_of_faces_over_the_same_vertices_the_first_stays(E: list, left: list) -> None:
+def test_the_first_of_faces_with_the_same_vertices_stays(E: list, left: list) -> None:
     V = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 0.0]])
     joined, found = welded(V, np.array(E, dtype=int).reshape(-1, 3))
     assert len(joined) == len(np.unique(found))

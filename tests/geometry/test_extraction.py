@@ -33,35 +33,35 @@ def slope(x: np.ndarray) -> np.ndarray:
     return x[:, 0] + 0.05 * x[:, 1] + 0.02
 
 
-def asked(function):
+def field_of(function):
     return lambda x: (function(x), function(x))
 
 
 @pytest.mark.parametrize("function", [ball, two_balls, shell, speck])
 @pytest.mark.parametrize("resolution", [40, 37])
 @pytest.mark.parametrize("d", [2, 3])
-def test_asking_coarsely_first_changes_nothing(d: int, resolution: int, function) -> None:
+def test_coarse_queries_first_give_the_same_surface(d: int, resolution: int, function) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), resolution)
-    U, F = field_surface(asked(function), grid, stride=4)
-    everywhere = field_surface(asked(function), grid, stride=1)
+    U, F = field_surface(field_of(function), grid, stride=4)
+    everywhere = field_surface(field_of(function), grid, stride=1)
     assert len(F)
     np.testing.assert_array_equal(U, everywhere[0])
     np.testing.assert_array_equal(F, everywhere[1])
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_signs_are_right_everywhere_values_near_the_surface_and_few_are_asked(d: int) -> None:
+def test_few_queries_give_right_signs_everywhere_and_exact_values_near_the_surface(d: int) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), {2: 128, 3: 64}[d])
-    levels, count = node_levels(asked(ball), grid, stride=4)
+    levels, count = node_levels(field_of(ball), grid, stride=4)
     true = ball(grid.points()).reshape(grid.shape)
     np.testing.assert_array_equal(levels < 0, true < 0)
     near = np.abs(true) < 1.5 * grid.spacing
     np.testing.assert_array_equal(levels[near], true[near])
     assert count < 0.6 * grid.size
-    assert node_levels(asked(ball), grid, stride=1)[1] >= grid.size
+    assert node_levels(field_of(ball), grid, stride=1)[1] >= grid.size
 
 
-def test_no_more_is_asked_than_is_counted() -> None:
+def test_the_count_of_queries_is_right() -> None:
     grid, seen = Grid.cube(np.array([[-1.0, -1], [1, 1]]), 50), []
 
     def values(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -74,10 +74,10 @@ def test_no_more_is_asked_than_is_counted() -> None:
 
 @pytest.mark.parametrize("function", [ball, slope])
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_sign_change_is_followed_though_the_distance_says_far(d: int, function) -> None:
+def test_a_sign_change_is_followed_even_if_the_distance_is_large(d: int, function) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 24)
     far = field_surface(lambda x: (function(x), np.full(len(x), 9.0)), grid, stride=4)
-    for found, true in zip(far, field_surface(asked(function), grid, stride=1), strict=True):
+    for found, true in zip(far, field_surface(field_of(function), grid, stride=1), strict=True):
         np.testing.assert_array_equal(found, true)
 
 
@@ -92,14 +92,16 @@ def test_all_outside_is_an_empty_surface(d: int) -> None:
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_grid_smaller_than_a_block(d: int) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 2)
-    for found, true in zip(field_surface(asked(ball), grid), field_surface(asked(ball), grid, stride=1), strict=True):
+    for found, true in zip(
+        field_surface(field_of(ball), grid), field_surface(field_of(ball), grid, stride=1), strict=True
+    ):
         np.testing.assert_array_equal(found, true)
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_mesh_asked_as_a_field_gives_itself_back(d: int, rng: np.random.Generator) -> None:
+def test_the_field_of_a_mesh_gives_the_mesh_back(d: int, rng: np.random.Generator) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 24)
-    U, F = field_surface(asked(two_balls), grid)
+    U, F = field_surface(field_of(two_balls), grid)
     mesh, x = MeshLbs(U, F), rng.uniform(-1, 1, (200, d))
     np.testing.assert_array_equal(mesh.inside(x), occupancy(U, F, x))
     finer = Grid.cube(U, 48)
@@ -118,16 +120,16 @@ def knob(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_without_a_distance_blocks_beside_the_surface_are_looked_into(d: int) -> None:
+def test_without_a_distance_blocks_beside_the_surface_are_refined(d: int) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 40)
-    asked_at = []
+    queries_at = []
 
     def values(x: np.ndarray) -> tuple[np.ndarray, None]:
-        asked_at.append(x)
+        queries_at.append(x)
         return knob(x), None
 
     U, F = field_surface(values, grid, stride=4)
-    everywhere = field_surface(asked(knob), grid, stride=1)
+    everywhere = field_surface(field_of(knob), grid, stride=1)
     np.testing.assert_array_equal(U, everywhere[0])
     np.testing.assert_array_equal(F, everywhere[1])
-    assert sum(map(len, asked_at)) < 0.6 * grid.size
+    assert sum(map(len, queries_at)) < 0.6 * grid.size

@@ -113,7 +113,7 @@ def test_no_points_and_no_values(d: int, rng: np.random.Generator) -> None:
 
 
 @DIMENSIONS
-def test_what_does_not_fit_is_refused(d: int) -> None:
+def test_wrong_arguments_are_refused(d: int) -> None:
     V, values = np.eye(d + 1)[:, :d], np.ones((d + 1, 1))
     T, F = np.arange(d + 1)[None], np.arange(d)[None]
     x = np.zeros((1, d))

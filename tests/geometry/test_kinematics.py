@@ -50,7 +50,7 @@ def test_the_parent_ends_where_the_child_starts() -> None:
         ([[0, 1, 2]], "BE must be (b, 2) = (1, 2), got (1, 3)"),
     ],
 )
-def test_what_is_no_skeleton_is_refused(bones: list[list[int]], message: str) -> None:
+def test_wrong_hierarchies_are_refused(bones: list[list[int]], message: str) -> None:
     with pytest.raises(ValueError) as caught:
         bone_parents(bones)
     assert str(caught.value) == message
@@ -83,7 +83,7 @@ def test_a_point_climbs_from_bone_to_bone(d: int, rng: np.random.Generator) -> N
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_joints_stay_together_and_the_root_goes_where_it_is_sent(d: int, rng: np.random.Generator) -> None:
+def test_joints_stay_together_and_the_root_moves_by_its_translation(d: int, rng: np.random.Generator) -> None:
     C, move = joints(d, rng), rng.normal(size=(7, d))
     B = forward_kinematics(C, BE, P, rotations(d, 7, rng), root_translation=move)
     for bone, parent in enumerate(P):
@@ -165,7 +165,7 @@ def test_a_skeleton_of_one_joint_without_size(d: int, rng: np.random.Generator) 
     np.testing.assert_allclose(root, 0, atol=1e-9)
 
 
-def test_deep_skeletons_are_ordered_in_no_time() -> None:
+def test_deep_skeletons_are_ordered() -> None:
     P = np.arange(-1, 200_000)[::-1].copy()  # the last bone is the root
     P = np.where(P < 0, -1, len(P) - 1 - P)
     np.testing.assert_array_equal(bone_order(P), np.arange(len(P))[::-1])
@@ -193,7 +193,7 @@ def test_no_frames(d: int, rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_transforms_that_no_skeleton_can_do_name_the_bone(d: int, rng: np.random.Generator) -> None:
+def test_impossible_transforms_are_refused_and_the_bone_is_named(d: int, rng: np.random.Generator) -> None:
     C = joints(d, rng)
     B = forward_kinematics(C, BE, P, rotations(d, 2, rng))
     scaled, mirrored, apart = B.copy(), B.copy(), B.copy()
@@ -265,7 +265,7 @@ def test_poses_without_a_hierarchy_go_bone_by_bone(d: int, rng: np.random.Genera
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_random_rotations_have_the_spread_asked_for_and_leave_roots_alone(d: int, rng: np.random.Generator) -> None:
+def test_random_rotations_have_the_given_spread_and_leave_roots_alone(d: int, rng: np.random.Generator) -> None:
     theta = random_rotations(P, d, 4000, std=0.3, rng=rng)
     assert theta.shape == (4000, len(P), 3 if d == 3 else 1)
     assert (theta[:, 0] == 0).all()

@@ -106,7 +106,7 @@ def test_noise_gives_a_clean_surface_between_the_signs(
         np.testing.assert_allclose(w, values.ravel() < 0, atol=1e-6)
 
 
-def test_two_cells_that_share_a_diagonal_are_told_apart() -> None:
+def test_two_cells_that_share_a_diagonal_are_separated() -> None:
     # On these two cells marching cubes alone puts four triangles on an edge.
     values = [[[-0.8, -0.65, -1.33], [0.68, 0.04, 1.0]], [[0.24, 1.77, 0.43], [-0.73, -0.19, -1.37]]]
     V, F = isosurface(np.array(values), Grid([0.0] * 3, 1.0, (2, 2, 3)))

@@ -51,7 +51,7 @@ def test_two_balls_of_one_centre(d: int, rng: np.random.Generator) -> None:
     assert scores["chamfer_l1_sampled"] >= scores["chamfer_l1"]
     assert scores["normal_consistency"] > 0.99
     assert scores["f_score"] == 0
-    # The unit is the yardstick, for the F-score as well.
+    # All lengths are in the unit, those of the F-score too.
     coarse = surface_scores(*inner, *outer, unit=20.0, n=4000, rng=rng)
     np.testing.assert_allclose(coarse["chamfer_l1"], 0.5, atol=0.015)
     assert coarse["f_score"] == 1

@@ -24,17 +24,17 @@ def test_exact_at_the_skin_and_of_the_right_sign_elsewhere(d: int, cells: int, c
     assert np.abs(found - exact).max() < 0.05 * c.L
 
 
-def test_far_fewer_distances_are_asked_than_there_are_nodes(characters, monkeypatch) -> None:
-    c, asked = characters[2], []
+def test_far_fewer_distances_are_computed_than_there_are_nodes(characters, monkeypatch) -> None:
+    c, computed = characters[2], []
 
     def counted(V, F, x):
-        asked.append(len(x))
+        computed.append(len(x))
         return closest_points(V, F, x)
 
     monkeypatch.setattr("nilbs.geometry.rest_grids.closest_points", counted)
     grid = Grid.box(c.V, 512)
     distance_grid(c.V, c.F, grid)
-    assert sum(asked) < 0.4 * grid.size
+    assert sum(computed) < 0.4 * grid.size
 
 
 def linear(x: np.ndarray) -> np.ndarray:
@@ -45,7 +45,7 @@ def linear(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_linear_weights_go_on_linearly_beyond_the_skin(d: int, characters) -> None:
+def test_linear_weights_continue_linearly_beyond_the_skin(d: int, characters) -> None:
     c = characters[d]
     grid = Grid.box(c.V, 40, pad=0.1)
     depth = 0.02 * c.L
@@ -64,7 +64,7 @@ def test_linear_weights_go_on_linearly_beyond_the_skin(d: int, characters) -> No
     assert np.abs(W_node[close] - linear(x[close])).max() < 0.05
 
 
-def test_inside_they_are_those_of_the_volume(characters) -> None:
+def test_inside_weights_are_those_of_the_volume(characters) -> None:
     c = characters[3]
     grid = Grid.box(c.V, 20)
     node, W_node = weight_grid(c.V, c.F, c.W, c.V_volume, c.T, c.W_volume, grid, band=0.0, depth=0.0)
@@ -202,12 +202,12 @@ def test_parts_of_cells_are_at_least_two(characters) -> None:
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("closed", [True, False])
 def test_signs_are_those_of_the_winding_number(d: int, *, closed: bool, characters, monkeypatch) -> None:
-    c, asked = characters[d], []
-    # Through a hole inside and outside hang together, and where one ends is told by every place for itself.
+    c, computed = characters[d], []
+    # A hole connects inside and outside, so the sign is computed at every node.
     F = c.F if closed else c.F[len(c.F) // 50 :]
 
     def counted(V, F, x):
-        asked.append(len(x))
+        computed.append(len(x))
         return occupancy(V, F, x)
 
     monkeypatch.setattr("nilbs.geometry.rest_grids.occupancy", counted)
@@ -219,4 +219,4 @@ def test_signs_are_those_of_the_winding_number(d: int, *, closed: bool, characte
     sure = np.abs(exact) > d / 6 * grid.spacing / 6
     np.testing.assert_array_equal((bricks < 0)[sure], (exact < 0)[sure])
     if closed:
-        assert sum(asked) < 0.6 * len(np.unique(nodes.reshape(-1, d).round(9), axis=0))
+        assert sum(computed) < 0.6 * len(np.unique(nodes.reshape(-1, d).round(9), axis=0))

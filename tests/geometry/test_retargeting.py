@@ -18,7 +18,7 @@ SAME = {name: name for name in NAMES}
 
 
 def person(*, arms: float = 0.0, legs: float = 0.0, size: float = 1.0, long: float = 1.0) -> Skeleton:
-    """Somebody who faces +z with y up; arms hang by an angle and legs stand apart by one, in radians."""
+    """A person who faces +z with y up; arms hang by an angle and legs stand apart by one, in radians."""
     down, apart = rotation_matrices([0, 0, -arms]), rotation_matrices([0, 0, legs])
     shoulder, hip = np.array([0.2, 0.5, 0]), np.array([0.1, 0, 0])
     x = [np.zeros(3), np.array([0, 0.2, 0]), np.array([0, 0.6, 0])]
@@ -42,7 +42,7 @@ def posed(skeleton: Skeleton, B: np.ndarray) -> np.ndarray:
 
 
 def directions(skeleton: Skeleton, B: np.ndarray, *, of: str) -> np.ndarray:
-    """Where the bones called so lead in a pose: arms to hands, thighs to feet."""
+    """Directions of the named bones in a pose: arms to hands, thighs to feet."""
     ends = {"arm": ("fore", "hand"), "leg": ("shin", "foot")}[of]
     first = {"arm": "arm", "leg": "thigh"}[of]
     x, found = posed(skeleton, B), []
@@ -235,7 +235,7 @@ def test_feet_that_start_far_from_rest_are_put_on_the_ground() -> None:
     assert found[0, 0, 1, 3] == pytest.approx(-0.45)
 
 
-def test_what_the_source_scales_is_left_out(rng: np.random.Generator) -> None:
+def test_scales_of_the_source_are_left_out(rng: np.random.Generator) -> None:
     skeleton = person()
     theta, scale = rng.uniform(-1, 1, (2, 17, 3)), np.ones((2, 17, 1))
     scale[:, NAMES.index("head")] = 2.0
@@ -255,7 +255,7 @@ def test_one_bone_and_no_frame(rng: np.random.Generator) -> None:
     assert retarget(source, B[:0], target, {"b": "a"}).B.shape == (0, 1, 3, 3)
 
 
-def test_what_cannot_be_followed_is_refused() -> None:
+def test_wrong_bone_maps_are_refused() -> None:
     flat, solid = Skeleton([[0, 0], [1, 0]], [[0, 1]], [-1], ("a",)), person()
     rest = np.broadcast_to(np.eye(4), (1, 17, 4, 4))
     for bone_map, message in (
@@ -304,7 +304,7 @@ def test_quarter_turns_are_found_again(d: int, rng: np.random.Generator) -> None
 
 def test_of_equally_good_turns_the_least_is_taken() -> None:
     assert (quarter_turns_between([[1, 2, 3]], [[4, 5, 6]]) == np.eye(3)).all()
-    # Points of one line tell nothing of a turn about it.
+    # Points on a line do not determine a turn about it.
     line = np.arange(3)[:, None] * [0, 0, 1]
     assert (quarter_turns_between(line, line) == np.eye(3)).all()
 
@@ -336,7 +336,7 @@ def test_a_hierarchy_upside_down_does_not_match() -> None:
     assert guess_bone_map(source, target) == {"hips": "Hips", "spine": "Spine", "head": "Head"}
 
 
-def test_where_no_name_fits_the_user_is_told_what_to_write() -> None:
+def test_without_like_names_the_error_shows_a_bone_map() -> None:
     source = skeleton_of_joints(np.eye(6, 3), np.arange(6) - 1, [f"joint{i}" for i in range(6)])
     with pytest.raises(ValueError) as caught:
         guess_bone_map(source, person())

@@ -68,7 +68,7 @@ def test_another_unit_is_named(factor):
     assert said.startswith("the rig is in another unit: with its joints ")
     if factor in (100, 0.01):
         assert said == f"the rig is in another unit: with its joints {by}, 4 of 4 lie inside the mesh instead of 0"
-    # What it says is true.
+    # The suggestion is true.
     word = said.split("joints ")[1].split(",")[0]
     told = float(word.split()[-1]) if word.startswith("times") else 1 / float(word.split()[-1])
     assert told == pytest.approx(factor, rel=0.02)
@@ -90,7 +90,7 @@ def test_a_small_rig_that_lies_inside_is_in_doubt():
     assert frame_suggestion(around, F, (C[:2] - [2.5, 2, 2]) / 100) is None  # one short bone is none too small
 
 
-def test_where_no_usual_unit_helps():
+def test_a_factor_between_no_two_units():
     assert frame_suggestion(V, F, C / 5000 + 7) == "the rig's box is 6.25e+03 x smaller than the mesh's"
     assert frame_suggestion(V, F, C * 5000) == "the rig's box is 4e+03 x larger than the mesh's"
     assert frame_suggestion(V, F, C[:1] + 50) == "the rig is one point"

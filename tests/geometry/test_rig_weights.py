@@ -15,7 +15,7 @@ JOINTS = np.array([[-0.7, 0, 0], [-0.2, 0.02, 0], [0.2, 0, 0.03], [0.7, 0, 0]])
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Volumes that are solved in a moment."""
+    """Coarse volumes, for speed."""
     monkeypatch.setattr("nilbs.geometry.domain.SPACING", 0.06)
     monkeypatch.setattr("nilbs.geometry.domain.ELEMENTS", 6000)
     monkeypatch.setattr("nilbs.geometry.domain.RESOLUTIONS", (48,))
@@ -46,7 +46,7 @@ def rig(d: int, C: np.ndarray = JOINTS, BE: list | None = None, P: list[int] | N
 
 
 def solved(V: np.ndarray, E: np.ndarray, skeleton: Skeleton, **options: object) -> SolvedWeights:
-    """Weights, checked for what holds of all that are solved."""
+    """Weights, with the checks that hold for all solutions."""
     found = solve_weights(V, E, skeleton, **options)
     for W, n in ((found.W, len(V)), (found.W_volume, len(found.V_volume))):
         assert W.shape == (n, len(skeleton.BE))
@@ -132,7 +132,7 @@ def test_tiny_bones_beside_each_other_have_weights_of_their_own(d: int) -> None:
 
 
 @DIMENSIONS
-def test_a_bone_outside_holds_the_nearest_place_and_is_told(d: int) -> None:
+def test_a_bone_outside_holds_the_nearest_place_and_is_noted(d: int) -> None:
     V, E = limb(d)
     C = np.concatenate([JOINTS, [[0.3, 0.3, 0], [0.5, 0.3, 0]]])
     found = solved(V, E, rig(d, C, [[0, 1], [1, 2], [2, 3], [4, 5]], [-1, 0, 1, -1]))
@@ -144,7 +144,7 @@ def test_a_bone_outside_holds_the_nearest_place_and_is_told(d: int) -> None:
 
 
 @DIMENSIONS
-def test_a_bone_far_away_moves_nothing_and_is_told(d: int) -> None:
+def test_a_bone_far_away_moves_nothing_and_is_noted(d: int) -> None:
     C = np.concatenate([JOINTS, [[0.3, 0.9, 0], [0.5, 0.9, 0]]])
     four = rig(d, C, [[0, 1], [1, 2], [2, 3], [4, 5]], [-1, 0, 1, -1])
     found = solved(*limb(d), four)
@@ -165,7 +165,7 @@ def test_no_bone_within_reach_is_refused(d: int) -> None:
 
 
 @DIMENSIONS
-def test_a_part_that_no_bone_enters_follows_the_nearest_bone_and_that_is_told(d: int) -> None:
+def test_a_part_that_no_bone_enters_follows_the_nearest_bone_and_is_noted(d: int) -> None:
     V, E = limb(d)
     n = len(V)
     # A thin limb above that comes close to the last bone, and ends above the first.
@@ -196,7 +196,7 @@ def test_no_part_follows_a_bone_that_moves_nothing(d: int) -> None:
 def test_several_roots(d: int) -> None:
     apart = solved(*limb(d), rig(d, JOINTS, None, [-1, -1, -1]))
     assert apart.notes == ()
-    # Who is whose parent does not matter to the weights.
+    # Weights do not depend on the hierarchy.
     np.testing.assert_allclose(apart.W, plain(d).W, atol=1e-9)
 
 
@@ -282,7 +282,7 @@ def test_boxes_are_written_in_as_many_digits_as_matter() -> None:
 
 def test_small_rigs_that_are_no_mistake() -> None:
     V, _ = limb(2)
-    # Two joints say nothing on the unit, nor do joints in one place; those that no bone uses do not count.
+    # Two joints, or joints in one place, leave the unit open; those that no bone uses do not count.
     check_rig_fits(V, rig(2, np.array([[0, 0], [0.001, 0]])))
     check_rig_fits(V, rig(2, np.zeros((3, 2))))
     check_rig_fits(V, rig(2, np.array([[0, 0], [0.7, 0], [0.1, 0], [500, 0]]), [[0, 1], [1, 2]]))
@@ -300,7 +300,7 @@ def test_small_rigs_that_are_no_mistake() -> None:
         (limb(2)[0] * np.array([1, 0]), limb(2)[1], "^no triangle of the mesh has any area$"),
     ],
 )
-def test_what_is_no_rigged_mesh_is_refused(V: np.ndarray, E: np.ndarray, message: str) -> None:
+def test_wrong_meshes_are_refused(V: np.ndarray, E: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         solve_weights(V, E, rig(2))
 

@@ -145,7 +145,7 @@ def test_slerp_moves_with_the_world(d: int, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(slerp(world @ R0, world @ R1, 0.3), world @ slerp(R0, R1, 0.3), atol=1e-12)
 
 
-def test_what_is_no_rotation_is_refused() -> None:
+def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^theta must be \(\.\.\., 1\) in the plane or \(\.\.\., 3\) in space, got"):
         rotation_matrices([0.0, 1.0])
     with pytest.raises(ValueError, match=r"R has d = 4"):

@@ -54,7 +54,7 @@ class Extreme(np.random.Generator):
 
 
 @pytest.mark.parametrize(("value", "facet"), [(0.0, 1), (np.nextafter(1, 0), 2)])
-def test_the_ends_of_chance_hit_no_facet_without_area(value: float, facet: int) -> None:
+def test_extreme_random_numbers_hit_no_facet_without_area(value: float, facet: int) -> None:
     rng = Extreme(np.random.PCG64(0))
     rng.value = value
     _, drawn = facet_samples(*surface(2), 3, rng=rng)
@@ -99,7 +99,7 @@ def test_one_seed_gives_one_answer() -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_no_points_are_asked_of_anything(d: int, rng: np.random.Generator) -> None:
+def test_zero_points_of_any_mesh(d: int, rng: np.random.Generator) -> None:
     V, F, T = np.empty((0, d)), np.empty((0, d), dtype=int), np.empty((0, d + 1), dtype=int)
     assert uniform_samples(np.zeros(d), np.ones(d), 0, rng=rng).shape == (0, d)
     assert [a.shape for a in facet_samples(V, F, 0, rng=rng)] == [(0, d), (0,)]

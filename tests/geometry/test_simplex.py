@@ -1,4 +1,4 @@
-"""Weights that people painted come out on the simplex, and every change is told."""
+"""Painted weights are put on the simplex, and every change is noted."""
 
 import numpy as np
 import pytest

@@ -46,7 +46,7 @@ def test_segments_are_the_bones_and_then_the_forks() -> None:
         ({"names": ["arm", "arm"]}, r"^two bones have the name 'arm'$"),
     ],
 )
-def test_what_is_no_skeleton_is_refused(changes: dict, message: str) -> None:
+def test_wrong_skeletons_are_refused(changes: dict, message: str) -> None:
     given = {"C": C, "BE": [[0, 1], [1, 2]], "P": [-1, 0], "names": ["a", "b"]} | changes
     with pytest.raises(ValueError, match=message):
         Skeleton(**given)
@@ -111,7 +111,7 @@ def test_joints_that_are_no_skeleton_are_refused() -> None:
         skeleton_of_joints(np.zeros((0, 3)), [], [])
 
 
-def test_a_chain_of_many_joints_is_made_in_a_moment(rng: np.random.Generator) -> None:
+def test_a_chain_of_many_joints(rng: np.random.Generator) -> None:
     n = 20_000
     s = skeleton_of_joints(rng.normal(size=(n, 3)), np.arange(n) - 1, [str(j) for j in range(n)])
     np.testing.assert_array_equal(s.BE[:-1, 1], np.arange(1, n))

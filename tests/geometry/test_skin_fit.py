@@ -60,7 +60,7 @@ def test_nodes_of_cells_without_skin_stay(d: int, characters, rng: np.random.Gen
 
 
 @DIMENSIONS
-def test_weights_that_the_grid_tells_exactly_stay(d: int, characters) -> None:
+def test_weights_that_the_grid_interpolates_exactly_stay(d: int, characters) -> None:
     c = characters[d]
     grid = Grid.box(c.V, 20, pad=0.1)
     slope = np.linspace(0.1, 0.3, d)
@@ -81,7 +81,7 @@ def test_skin_between_nodes_without_weights_counts_for_nothing(d: int, character
         np.testing.assert_array_equal(fitted, W_node)
 
 
-def test_nodes_that_the_grid_does_not_have_are_told(characters) -> None:
+def test_nodes_that_the_grid_does_not_have_are_refused(characters) -> None:
     c = characters[2]
     grid = Grid.box(c.V, 10)
     with pytest.raises(ValueError, match=r"node\[1\] = \[1000000\] does not index the \d+ nodes of the grid"):

@@ -149,7 +149,7 @@ def test_threads_fill_at_once_without_changing_the_process(capfd: pytest.Capture
 
 
 @pytest.mark.parametrize("spacing", [0.1, 0.06])
-def test_tetrahedra_inside_are_as_large_as_the_spacing_asks_for(spacing: float) -> None:
+def test_tetrahedra_inside_are_as_large_as_the_spacing(spacing: float) -> None:
     grid = Grid.cube(np.array([[-1.0] * 3, [1.0] * 3]), 16)
     V, F = isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
     V2, T = conforming_tetrahedra(V, F, NO_POINTS, spacing=spacing)

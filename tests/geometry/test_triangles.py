@@ -12,7 +12,7 @@ NO_POINTS = np.zeros((0, 2))
 
 
 def assert_sound(V: np.ndarray, T: np.ndarray, V2: np.ndarray, T2: np.ndarray) -> None:
-    """What holds of every refinement: first vertices, orientation, area, outline, Delaunay inside."""
+    """Check what holds for every refinement: first vertices, orientation, area, outline, Delaunay inside."""
     np.testing.assert_array_equal(V2[: len(V)], V)
     used = V2[np.unique(T2)]
     assert len(np.unique(used, axis=0)) == len(used)
@@ -147,7 +147,7 @@ def test_no_triangles() -> None:
     assert T2.shape == (0, 3)
 
 
-def test_what_is_no_flat_mesh_is_refused() -> None:
+def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^V must be \(n, 2\).*got \(4, 3\)$"):
         conforming_triangles(np.zeros((4, 3)), [[0, 1, 2]], NO_POINTS)
     with pytest.raises(ValueError, match=r"^T\[0\] = \[0, 1, 8\] does not index the 8 vertices$"):

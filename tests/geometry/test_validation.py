@@ -44,7 +44,7 @@ def test_letters_sums_numbers_and_leading_dimensions(d: int) -> None:
         ({"V": ([[0, -np.inf]], "n d")}, "V[0, 1] is -inf; every number must be finite"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_wording(named: dict[str, tuple], message: str) -> None:
+def test_every_error_has_one_wording(named: dict[str, tuple], message: str) -> None:
     with pytest.raises(ValueError) as caught:
         arrays(**named)
     assert str(caught.value).startswith(message)

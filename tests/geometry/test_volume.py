@@ -77,7 +77,7 @@ def test_no_elements(d: int) -> None:
     assert boundary_facets(T).shape == (0, d)
 
 
-def test_what_is_no_mesh_is_refused() -> None:
+def test_wrong_arguments_are_refused() -> None:
     with pytest.raises(ValueError, match=r"^T must be \(t, d\+1\) = \(1, 3\), got \(1, 4\)$"):
         element_volumes(np.zeros((4, 2)), [[0, 1, 2, 3]])
     with pytest.raises(ValueError, match=r"^T\[0\] = \[0, 1, 4\] does not index the 4 vertices$"):

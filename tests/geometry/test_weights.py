@@ -153,7 +153,7 @@ def optimum(K: sparse.csc_matrix, fixed: np.ndarray, W_fixed: np.ndarray) -> np.
     pick = sparse.csc_matrix((np.ones(len(fixed)), (np.arange(len(fixed)), fixed)), shape=(len(fixed), n))
     A = sparse.vstack([sums, sparse.block_diag([pick] * b), -sparse.identity(n * b)], format="csc")
     rhs = np.concatenate([np.ones(n), W_fixed.T.ravel(), np.zeros(n * b)])
-    # The sums of known rows are said twice.
+    # The sums of known rows would be constrained twice.
     free = np.setdiff1d(np.arange(n), fixed)
     keep = np.concatenate([free, np.arange(n, len(rhs))])
     cones = [clarabel.ZeroConeT(len(free) + fixed.size * b), clarabel.NonnegativeConeT(n * b)]
@@ -182,7 +182,7 @@ def test_the_joint_optimum_of_an_interior_point_method(shape: Callable[[], Fille
     np.testing.assert_array_equal(W[fixed], W_fixed)
     assert biharmonic_energy(V, T, W) == pytest.approx(least, rel=1e-3)
     assert np.abs(W - best).max() < 0.01
-    # The bounds matter here: without them weights leave [0, 1], so the test above says something.
+    # The bounds matter here: without them weights leave [0, 1], so the test above can fail.
     free = np.setdiff1d(np.arange(len(V)), fixed)
     unbounded = sparse.linalg.spsolve(K[free][:, free], -K[free][:, fixed] @ W_fixed)
     assert unbounded.min() < -0.01
@@ -295,7 +295,7 @@ def test_progress_goes_to_standard_error(capsys: pytest.CaptureFixture[str]) -> 
         ({"method": "best"}, "^method must be 'joint' or 'igl', got 'best'$"),
     ],
 )
-def test_what_cannot_be_solved_is_refused(changes: dict, message: str) -> None:
+def test_wrong_arguments_are_refused(changes: dict, message: str) -> None:
     V = np.array([[0, 0], [1, 0], [0, 1], [3, 3], [4, 3], [3, 4.0]])
     given = {"V": V, "T": [[0, 1, 2]], "fixed": [0, 1], "W_fixed": [[1, 0], [0, 1]]} | changes
     with pytest.raises(ValueError, match=message):

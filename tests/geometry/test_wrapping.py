@@ -29,7 +29,7 @@ def ball(d: int, cells: int = 24) -> tuple[np.ndarray, np.ndarray]:
 
 
 def wrapped(V: np.ndarray, F: np.ndarray, resolution: int) -> tuple[np.ndarray, np.ndarray]:
-    """A wrap, checked for what holds of every one: it is a clean solid, and holds what the surface holds."""
+    """A wrap, with the checks that hold for every one: it is a clean solid, and holds what the surface holds."""
     V_wrap, F_wrap = wrapping_surface(V, F, resolution=resolution)
     assert solid_defects(V_wrap, F_wrap) == []
     cell = np.ptp(V, axis=0).max() / resolution
@@ -171,7 +171,7 @@ def test_neither_unit_nor_place_changes_the_wrap(d: int, scale: float, shift: fl
     np.testing.assert_allclose((V_there - shift) / scale, V_wrap, atol=1e-6)
 
 
-def test_what_cannot_be_wrapped_is_refused() -> None:
+def test_wrong_arguments_are_refused() -> None:
     for call in (wrap, wrapping_surface):
         with pytest.raises(ValueError, match=r"^F is empty: there is nothing to wrap$"):
             call(SHEET, SHEET_F[:0])
