@@ -31,10 +31,8 @@ def field_surface(
 
     Returns
     -------
-    U : (n, d) float array
-        Vertices, in mesh units.
-    F : (m, d) int array
-        Facets, oriented outward.
+    surface : Surface
+        ``U, F = surface``: vertices (n, d), in mesh units, and facets (m, d), oriented outward.
 
     Raises
     ------

@@ -4,19 +4,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from nilbs.geometry.plane import in_space
+
 if TYPE_CHECKING:
     import trimesh
 
 
 class Surface(NamedTuple):
-    """A surface, or an outline in the plane; `U, F = surface` takes it apart.
+    """A surface, or an outline in the plane; `U, F = surface` unpacks it.
 
     Attributes
     ----------
-    U : (n, d) float array
-        Vertices, in mesh units.
-    F : (m, k) int array
-        Facets: triangles, or edges where k is 2.
+    U, F : (n, d) float array and (m, k) int array
+        Vertices, in mesh units, and facets: triangles, or edges if k is 2.
 
     Examples
     --------
@@ -28,13 +28,10 @@ class Surface(NamedTuple):
     F: np.ndarray
 
     def to_trimesh(self) -> "trimesh.Trimesh | trimesh.path.Path2D":
-        """Mesh of trimesh over the same vertices in the same order, with z = 0 where d is 2; a path where k is 2."""
+        """Mesh of trimesh over the same vertices in the same order, in space; edges become a path."""
         import trimesh
 
         if self.F.shape[1] == 2:
             lines = [trimesh.path.entities.Line(edge) for edge in self.F]
             return trimesh.path.Path2D(entities=lines, vertices=self.U, process=False)
-        n, d = self.U.shape
-        xyz = np.zeros((n, 3))
-        xyz[:, :d] = self.U
-        return trimesh.Trimesh(xyz, self.F, process=False)
+        return trimesh.Trimesh(in_space(self.U), self.F, process=False)
