@@ -7,7 +7,7 @@ from .characters.motion import random_motion as random_motion
 from .characters.saving import save_character as save_character
 from .geometry.rig_weights import solve_weights as solve_weights
 from .geometry.skeleton import Skeleton as Skeleton
-from .methods.settings import Settings as Settings
+from .methods.registry import method_of as method_of
 from .models.evaluation import evaluate as evaluate
 from .models.fitting import fit as fit
 from .models.model import Model as Model

@@ -7,10 +7,11 @@ from functools import cache
 from hashlib import sha256
 from typing import Any
 
+from nilbs.methods.settings import MAPPINGS, METHODS, NOISE, Settings
+
 from benchmarks.study.durations import scoring_seconds, training_seconds
 from benchmarks.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Builder, Entry, Job, Plan
 from benchmarks.study.scale import ABLATIONS, ASKS_ALL_BONES, ASKS_BONES, SWEEP_SETS, TRAINED, Scale
-from nilbs.methods.settings import MAPPINGS, METHODS, NOISE, Settings
 
 # Raised where trainings or scores change and no setting tells.
 RECIPE = 3

@@ -4,13 +4,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nilbs.methods.settings import MAPPINGS, ROWS
+
 from benchmarks.study.jobs import SCORE, TWIST, Entry, Plan
 from benchmarks.study.plan import OTHER_MAPPINGS, SWEEPS, UNLEARNED
 from benchmarks.study.results import Score, controls, others, scores, series, summary
 from benchmarks.study.scale import ABLATIONS, SWEEP_SETS, TRAINED
 from benchmarks.study.store import Store, number
 from nilbs.geometry.metrics import HIGHER_IS_BETTER
-from nilbs.methods.settings import MAPPINGS, ROWS
 from nilbs.models.protocol import IOUS, POSE_SETS
 
 # Rows that are the truth itself.

@@ -82,6 +82,16 @@ def add_pose(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_device(parser: argparse.ArgumentParser, *, default: str = "cpu") -> None:
+    """Add --device."""
+    parser.add_argument(
+        "--device",
+        default=default,
+        metavar="NAME",
+        help=f"cpu, cuda, ..., or auto: a GPU if there is one (default {default})",
+    )
+
+
 def add_points(parser: argparse.ArgumentParser) -> None:
     """Add --points."""
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""Fields with nothing to learn: geometry on arrays, asked as every field is asked."""
+"""Fields with nothing to learn: geometry on arrays behind the interface of every field."""
 
 from collections.abc import Callable
 
@@ -9,49 +9,42 @@ from torch import Tensor
 from nilbs.fields.answer import Answer
 from nilbs.fields.field import Field, PosedField
 
-# Posed points (n, d) -> their signed distances (n,) and rest images (n, d), nan by a method that has none.
+# Posed points (n, d) -> their signed distances (n,) and canonical points (n, d), nan if the method has none.
 ArrayAnswers = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-# In units of the body's longest edge: the step by which the logit of occupancy is read from distance.
+# In units of the body's longest edge: the step by which occupancy is read from distance.
 WIDTH = 0.003
 
 
 class ArrayField(Field):
-    """A field that computes in double precision on arrays, whatever tensors it is asked with.
+    """A field that computes in double precision on arrays, whatever the precision of the query.
 
     Answers have the type and the device that the module was moved to; nothing is differentiable.
 
     Parameters
     ----------
-    V, F, W : arrays
-        Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
+    in_pose : function of (b, d+1, d+1) array
+        The method in a pose.
+    canonical_points : bool
+        Whether its answers have them.
     """
 
-    knows_distance = True
-    knows_rest_images = True
+    has_distance = True
     like: Tensor  # empty: the type and the device of answers
 
-    def __init__(self, V: np.ndarray, F: np.ndarray, W: np.ndarray) -> None:
+    def __init__(self, in_pose: Callable[[np.ndarray], ArrayAnswers], *, canonical_points: bool = True) -> None:
         super().__init__()
-        self.V, self.F, self.W = V, F, W
+        self.in_pose, self.has_canonical_points = in_pose, canonical_points
         self.register_buffer("like", torch.zeros(0, dtype=torch.float64), persistent=False)
-
-    def posed_arrays(self, B: np.ndarray) -> ArrayAnswers:
-        """The method itself, in a pose (b, d+1, d+1)."""
-        raise NotImplementedError
 
     def posed(self, B: Tensor) -> PosedField:
         """The field in a pose, (b, d+1, d+1) rest to posed."""
-        answers = self.posed_arrays(_array(B))
+        answers = self.in_pose(_array(B))
 
         def answer(x: Tensor) -> Answer:
             distance, x_rest = (torch.as_tensor(found).to(self.like) for found in answers(_array(x)))
-            return Answer(-distance / WIDTH, distance, x_rest)
+            return Answer(distance, distance, x_rest, WIDTH)
 
         return answer
-
-    def logit(self, x: Tensor, B: Tensor) -> Tensor:
-        """Logit of occupancy (p, n) of points (p, n, d) in poses (p, b, d+1, d+1): a constant, without a gradient."""
-        return torch.stack([self.posed(pose)(points).logit for points, pose in zip(x, B, strict=True)])
 
 
 def _array(tensor: Tensor) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What every method is: a field that answers for posed points, in any pose."""
+"""What every field is: a module that has values at posed points, in any pose."""
 
 from collections.abc import Callable
 
@@ -7,9 +7,9 @@ from torch import Tensor, nn
 
 from nilbs.fields.answer import Answer
 
-# A field in one pose: answers at posed points (n, d), asked any number of times.
+# A field in one pose: its answer at posed points (n, d), queried any number of times.
 PosedField = Callable[[Tensor], Answer]
-# Numbers of one hidden layer that a processor's caches hold: layers of more wait for memory.
+# Numbers of one hidden layer that fit a processor's caches; larger layers wait for memory.
 CACHED = 2**18
 
 
@@ -22,17 +22,17 @@ class Field(nn.Module):
     Attributes
     ----------
     piece : int
-        Points that go through the networks together where a pose is asked.
-    knows_distance, knows_rest_images : bool
-        Whether answers hold more than occupancy: signed distances, and rest images where there are any.
+        Points that go through the networks together in a query.
+    has_distance, has_canonical_points : bool
+        Whether answers hold more than occupancy.
     """
 
     piece: int = CACHED
-    knows_distance = False
-    knows_rest_images = False
+    has_distance = False
+    has_canonical_points = False
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:
-        """Logit of occupancy, differentiable by the parameters: what a training compares with the truth.
+        """Logit of occupancy, positive inside, differentiable by the parameters: what a training compares with truth.
 
         Parameters
         ----------
@@ -44,7 +44,6 @@ class Field(nn.Module):
         Returns
         -------
         logit : (p, n) tensor
-            Positive inside.
         """
         raise NotImplementedError
 
@@ -56,3 +55,8 @@ class Field(nn.Module):
             return Answer.of_logit(torch.cat(logits), x.shape[-1])
 
         return answer
+
+
+def like(field: Field) -> Tensor:
+    """A tensor of the field's precision, on its device."""
+    return next(tensor for tensor in (*field.parameters(), *field.buffers()) if tensor.is_floating_point())

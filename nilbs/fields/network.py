@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
+from nilbs.fields.field import CACHED, Field
 
 # Logit of a ghost bone that does not exist: its weight is zero in any precision.
 NEVER = -1e4
@@ -38,7 +39,7 @@ class EncodedNetwork(nn.Module):
         super().__init__()
         if depth < 2:
             raise ValueError(f"a network needs at least 2 layers, got {depth}")
-        self.encoding = encoding
+        self.encoding, self.width = encoding, width
         sizes = [encoding.size, *([width] * (depth - 1)), outputs]
         self.layers = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
 
@@ -95,3 +96,23 @@ class WeightNetwork(EncodedNetwork):
         """
         logits = super().forward(x, B)
         return logits if self.ghost else nn.functional.pad(logits, (0, 1), value=NEVER)
+
+
+class NetworkField(Field):
+    """Occupancy by a network whose only output is its logit.
+
+    Parameters
+    ----------
+    network : EncodedNetwork
+        With one output.
+    """
+
+    def __init__(self, network: EncodedNetwork) -> None:
+        super().__init__()
+        self.network = network
+        self.piece = max(128, CACHED // network.width)
+
+    def logit(self, x: Tensor, B: Tensor) -> Tensor:
+        """Logit of occupancy (p, n) of points (p, n, d) in poses (p, b, d+1, d+1)."""
+        logits: Tensor = self.network(x, B)
+        return logits[..., 0]

@@ -50,7 +50,7 @@ class OccupancyTerm:
         poses_per_step: int,
         points_per_pose: int,
         factor: float = 1.0,
-        adaptive: bool = True,
+        adaptive: bool = False,
         absolute: bool = False,
     ) -> None:
         self.logit, self.poses = logit, poses

@@ -1,7 +1,8 @@
-"""What a field of the method "nilbs" knows of the rest pose: grids of distance and of weights, by their names."""
+"""Grids of the rest pose: distance and weights, by their names in the field's state."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,15 +12,14 @@ from nilbs.fields.cache import RestCache
 from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
 from nilbs.fields.forward import ForwardField, packed_weights
 from nilbs.fields.forward_network import ForwardNetwork
+from nilbs.fields.inverse_map import InverseField
 from nilbs.fields.network import WeightNetwork
-from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.search import SearchField
-from nilbs.fields.unit_frame import at_rest, root_bone
+from nilbs.fields.unit_frame import at_rest, first_joints, root_bone
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rest_grids import distance_bricks, weight_grid
 from nilbs.geometry.skin_fit import fit_to_skin
 from nilbs.geometry.validation import arrays
-from nilbs.methods.settings import Settings
 
 # In units of L: how far around the body rest weights are known, and how far they go on beyond the skin unbroken.
 BAND, DEPTH = 0.05, 0.015
@@ -46,14 +46,14 @@ class RestState:
     spacing: Mapping[str, float]
 
 
-def rest_state(character: Character, settings: Settings) -> RestState:
-    """Grids of a character at rest, of the resolutions that settings say."""
+def rest_state(character: Character, *, cache_cells: int, weight_cells: int, seed: int) -> RestState:
+    """Grids of a character at rest, with so many cells along their longest edges."""
     c = character
     V, V_volume = at_rest(c, c.V), at_rest(c, c.V_volume)
-    cache = Grid.box(V, max(2, -(-settings.cache_resolution // PARTS[0])))
-    weights = Grid.box(V, settings.weight_resolution, pad=BAND)
+    cache = Grid.box(V, max(2, -(-cache_cells // PARTS[0])))
+    weights = Grid.box(V, weight_cells, pad=BAND)
     node, W_node = weight_grid(V, c.F, c.W, V_volume, c.T, c.W_volume, weights, band=BAND, depth=DEPTH)
-    W_node = fit_to_skin(V, c.F, c.W, weights, node, W_node, rng=np.random.default_rng(settings.seed))
+    W_node = fit_to_skin(V, c.F, c.W, weights, node, W_node, rng=np.random.default_rng(seed))
     bricks = distance_bricks(V, c.F, cache, parts=PARTS, tolerance=TOLERANCE, relative=RELATIVE)
     state = {
         **{f"{CACHE}.{name}": array for name, array in bricks._asdict().items()},
@@ -64,37 +64,58 @@ def rest_state(character: Character, settings: Settings) -> RestState:
     return RestState(state, {CACHE: cache.spacing, FORWARD: weights.spacing})
 
 
-def search_field(character: Character, settings: Settings, rest: RestState) -> SearchField:
-    """An untrained field of the method "nilbs" around grids of the rest pose."""
-    c = character
-    part = {name: torch.as_tensor(array) for name, array in rest.arrays.items()}
+def search_field(
+    character: Character,
+    grids: Mapping[str, np.ndarray],
+    spacing: Mapping[str, float],
+    *,
+    cache_width: float,
+    encoding: str,
+    ghost: bool,
+    width: int,
+    depth: int,
+    forward_network: bool,
+) -> SearchField:
+    """An untrained field around grids of the rest pose; the options are settings of `InverseSkinning`."""
+    c, b = character, len(character.skeleton.BE)
+    part = {name: torch.as_tensor(array) for name, array in grids.items()}
     cache = RestCache(
-        part[f"{CACHE}.values"],
-        part[f"{CACHE}.brick"],
-        part[f"{CACHE}.finer"],
-        part[f"{CACHE}.origin"],
-        float(rest.spacing[CACHE]),
+        **{name: part[f"{CACHE}.{name}"] for name in ("values", "brick", "finer", "origin")},
+        spacing=float(spacing[CACHE]),
         parts=PARTS,
-        width=settings.cache_width,
+        width=cache_width,
     )
-    sizes = {"width": settings.width, "depth": settings.depth}
-    encoding: LocalEncoding | ParameterEncoding
-    if settings.encoding == "local":
-        encoding = LocalEncoding(torch.as_tensor(at_rest(c, c.skeleton.C[c.skeleton.BE[:, 0]])))
+    encoded: LocalEncoding | ParameterEncoding
+    if encoding == "local":
+        encoded = LocalEncoding(torch.as_tensor(first_joints(c)))
     else:
-        encoding = ParameterEncoding(torch.as_tensor(c.skeleton.P), c.d)
-    network = WeightNetwork(encoding, len(c.skeleton.BE), ghost=settings.ghost, **sizes)
+        encoded = ParameterEncoding(torch.as_tensor(c.skeleton.P), c.d)
+    network = WeightNetwork(encoded, b, ghost=ghost, width=width, depth=depth)
     forward_field = ForwardField(
-        row=part[f"{FORWARD}.row"],
-        node=part[f"{FORWARD}.node"],
-        bone=part[f"{FORWARD}.bone"],
-        weight=part[f"{FORWARD}.weight"],
-        first=part[f"{FORWARD}.first"],
-        origin=part[f"{FORWARD}.origin"],
-        spacing=float(rest.spacing[FORWARD]),
+        **{name: part[f"{FORWARD}.{name}"] for name in ("row", "node", "bone", "weight", "first", "origin")},
+        spacing=float(spacing[FORWARD]),
     )
-    forward_network = ForwardNetwork(c.d, len(c.skeleton.BE), **sizes) if settings.forward == "network" else None
-    return SearchField(NilbsField(network, cache, root=root_bone(c)), forward_field, forward_network)
+    second = ForwardNetwork(c.d, b, width=width, depth=depth) if forward_network else None
+    return SearchField(InverseField(network, cache, root=root_bone(c)), forward_field, second)
+
+
+def spacing_of(field: SearchField) -> dict[str, float]:
+    """Edges of the cells of a field's grids, which are no tensors."""
+    return {CACHE: field.inverse.cache.spacing, FORWARD: field.forward_field.spacing}
+
+
+def checked_spacing(values: Mapping[str, Any]) -> dict[str, float]:
+    """What `spacing_of` returned, from a file.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If an edge is missing or no positive number.
+    """
+    spacing = {name: float(values[name]) for name in (CACHE, FORWARD)}
+    if not all(0 < edge < 1e9 for edge in spacing.values()):
+        raise ValueError(f"cells of grids must have an edge above zero, got {spacing}")
+    return spacing
 
 
 def check_rest_state(state: Mapping[str, np.ndarray], character: Character) -> None:

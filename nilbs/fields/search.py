@@ -1,5 +1,8 @@
-"""The default field: the network says where to begin, and a root search on the forward field says where to end."""
+"""The default field: a root search on the forward map, from the network's answer and from every part of the body."""
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -11,61 +14,81 @@ from nilbs.fields.field import Field, PosedField
 from nilbs.fields.fixed_point import fixed_point
 from nilbs.fields.forward import ForwardField
 from nilbs.fields.forward_network import ForwardNetwork
+from nilbs.fields.inverse_map import InverseField
 from nilbs.fields.newton import ROOT, ForwardMap, Roots, implicit, newton
-from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.overlap import Overlap
-from nilbs.methods.settings import MAPPINGS
 
 # Steps of one search; of the fixed point, which gains the same share in every step and no more.
 ITERATIONS, CONTRACTIONS = 6, 20
-# In units of the body's longest edge: a start this near to a root that is known finds it again, but for folds.
+# In units of the body's longest edge: a start this close to a known root finds it again, except in folds.
 SAME = 0.02
-# In cells of the grid of weights: nodes no farther from the skin are places to begin from.
+# In cells of the grid of weights: nodes no farther from the skin than this are starts.
 BEYOND = 2.0
-# In cells of the grid of weights: how far beside a root in a fold others are looked for, on either side.
+# In cells of the grid of weights: how far beside a root in a fold others are searched, on either side.
 ASIDE = (1.5, 3.0)
+
+
+_newton = partial(newton, iterations=ITERATIONS)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How roots are searched: where from, and by which iteration."""
+
+    network: bool = False  # from the network's answer
+    parts: bool = False  # from every part of the body that lies there
+    bones: bool = False  # from every bone's rigid inverse
+    iterate: Callable[[Tensor, Tensor, ForwardMap, Tensor], Roots] = _newton
+
+
+SEARCHES = {
+    "search": Search(network=True, parts=True),
+    "parts": Search(parts=True),
+    "one-search": Search(network=True),
+    "all-bones": Search(bones=True),
+    "fixed-point": Search(network=True, iterate=partial(fixed_point, iterations=CONTRACTIONS)),
+}
 
 
 class SearchField(Field):
     """Occupancy of a posed character by root search.
 
-    Forward skinning has one weight field for all poses; its inverse is what depends on the pose. Whether a posed point
-    is inside is whether forward skinning sends a point of the body there. The network's inverse map (eq. 6) tells about
-    where such a point is, a few steps of Newton's method find it, and what then is left between its image and the
-    query (the residual) tells whether it is one. Where the body overlaps itself there are several, and one inside is
-    enough: the search begins again from every part of the body that lies there. Where the body folds, roots lie close
-    together: one at which space is turned inside out counts as minus one, and all together usually as one, so that
-    there are two others. They are looked for on either side of it, along the direction in which it folds.
+    Forward skinning has one weight field for all poses; only its inverse depends on the pose. A posed point is inside
+    if forward skinning maps a point of the body there. The network's inverse map (eq. 6) gives a start close to such a
+    point, a few steps of Newton's method find it, and the residual, the distance between its image and the query,
+    decides whether it is a root. Where the body overlaps itself there are several roots, and one inside is enough: the
+    search starts again from every part of the body that lies there. Where the body folds, roots lie close together: one
+    at which space is turned inside out counts as minus one, and all together usually as one, so that there are two
+    others. They are searched on either side of it, along the direction of the fold.
 
     Parameters
     ----------
-    inverse : NilbsField
+    inverse : InverseField
         The network and the rest cache.
     forward_field : ForwardField
         The rest weights.
     forward_network : ForwardNetwork, optional
-        Where given, the search goes on its weights, and those on the grid only say which parts lie where.
+        If given, the search uses its weights, and those on the grid only give the parts.
     """
 
-    knows_distance = True
-    knows_rest_images = True
+    has_distance = True
+    has_canonical_points = True
     body: Tensor  # nodes of the forward field in the body and just beyond its skin, the deepest first
 
     def __init__(
-        self, inverse: NilbsField, forward_field: ForwardField, forward_network: ForwardNetwork | None = None
+        self, inverse: InverseField, forward_field: ForwardField, forward_network: ForwardNetwork | None = None
     ) -> None:
         super().__init__()
         self.inverse, self.forward_field, self.forward_network = inverse, forward_field, forward_network
         places = forward_field.nodes()
         distance = inverse.cache.distance(places.to(inverse.cache.values))
         near = torch.nonzero(distance < BEYOND * forward_field.spacing)[:, 0]
-        # The deepest first, for a search from them ends inside if any does. What the grids tell is not kept in a file a
-        # second time.
+        # The deepest first: a search from them ends inside if any does. Files need not hold what the grids imply.
         self.register_buffer("body", near[torch.argsort(distance[near], stable=True)], persistent=False)
 
     @property
     def skinning(self) -> ForwardMap:
-        """The forward map that searches go on."""
+        """The forward map that searches use."""
         return self.forward_field if self.forward_network is None else self.forward_network
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:
@@ -73,45 +96,29 @@ class SearchField(Field):
         return self.inverse.logit(x, B)
 
     def posed(self, B: Tensor, mapping: str = "search", *, ghost: bool = True) -> PosedField:
-        """The field in a pose.
+        """The field in a pose (b, d+1, d+1), by one of its mappings.
 
-        Parameters
-        ----------
-        B : (b, d+1, d+1) tensor
-            Pose, rest to posed.
-        mapping : str
-            One of `nilbs.methods.settings.MAPPINGS`.
-        ghost : bool
-            Whether the ghost bone takes part in the maps "inverse" and "reverse". The others do without: whether a rest
-            image is one is told by the residual.
-
-        Raises
-        ------
-        ValueError
-            If there is no such mapping.
+        The ghost bone takes part in "inverse" and "reverse" only; in a search the residual decides.
         """
-        if mapping not in MAPPINGS:
-            raise ValueError(f"mapping must be one of {', '.join(MAPPINGS)}, got {mapping!r}")
-        if mapping in ("inverse", "reverse"):
-            return lambda x: self.inverse.answer(x, B, ghost=ghost, reverse=mapping == "reverse")
-        return PosedSearch(self, B, mapping)
+        if mapping in SEARCHES:
+            return PosedSearch(self, B, SEARCHES[mapping])
+        return self.inverse.posed(B, ghost=ghost, reverse=mapping == "reverse")
 
 
 class PosedSearch:
-    """A `SearchField` in one pose, to be asked any number of times.
+    """A `SearchField` in one pose.
 
     Attributes
     ----------
     queries, evaluations : int
-        Points asked so far, and evaluations of weights for them: look-ups of the forward field, and one of the network
-        for each point where the mapping asks it.
+        Points queried so far, and evaluations of weights for them: look-ups of the forward field, and one of the
+        network for each point if the search starts from its answer.
     """
 
-    def __init__(self, field: SearchField, B: Tensor, mapping: str = "search") -> None:
-        self.field, self.B, self.mapping = field, B, mapping
+    def __init__(self, field: SearchField, B: Tensor, how: Search) -> None:
+        self.field, self.B, self.how = field, B, how
         self.blends = field.skinning.blends(B)
-        self._many = mapping in ("search", "parts")
-        if self._many:
+        if how.parts:
             with torch.no_grad():
                 grid, body = field.forward_field, field.body
                 blends = self.blends if field.forward_network is None else grid.blends(B)
@@ -119,7 +126,7 @@ class PosedSearch:
         self.queries = self.evaluations = 0
 
     def __call__(self, x: Tensor) -> Answer:
-        """Answers at posed points (n, d)."""
+        """The answer at posed points (n, d)."""
         self.queries += len(x)
         cache = self.field.inverse.cache
         traced = torch.is_grad_enabled() and (x.requires_grad or self.B.requires_grad)
@@ -129,12 +136,12 @@ class PosedSearch:
             found = self._search(x, first.detach())
             for start in self._starts(x):
                 worth = ~start.isnan().any(dim=-1)
-                if self._many:
+                if self.how.parts:
                     elsewhere = (start - found.x_rest).norm(dim=-1) > SAME
                     worth &= (found.distance >= 0) & (~found.solved | found.inverted | elsewhere)
                 going = torch.nonzero(worth)[:, 0]
                 self._improve(found, x, going, start[going])
-            if self._many:
+            if self.how.parts:
                 folded = torch.nonzero((found.distance >= 0) & found.solved & found.inverted)[:, 0]
                 for start in self._beside(found.x_rest[folded]):
                     worth = found.distance[folded] >= 0
@@ -143,36 +150,32 @@ class PosedSearch:
         if traced:
             root = implicit(x, root, self.field.skinning, self.blends)
         x_rest = torch.where(solved[:, None], root, first)
-        # Of roots it is known already, but for its derivatives.
+        # At roots it is known already, except for its derivatives.
         distance = found.distance
         if traced:
             distance = cache.distance(x_rest)
         else:
             distance[~solved] = cache.distance(x_rest[~solved])
-        # A point without a rest image is outside, about as far as the nearest image lies from it.
+        # A point without a canonical point is outside, about as far as the nearest image is from it.
         distance = torch.where(solved, distance, torch.maximum(distance, found.residual))
-        return Answer(-distance / cache.width, distance, x_rest)
+        return Answer(distance, distance, x_rest, cache.width)
 
     def _first(self, x: Tensor) -> Tensor:
-        """Where the first search begins."""
-        if self.mapping == "all-bones":
-            return self._rigid(x, 0)
-        if self.mapping == "parts":
-            return x  # where the root bone takes it from; what lies there is tried next
-        self.evaluations += len(x)
-        image: Tensor = self.field.inverse(x[None], self.B[None]).x_rest[0]
-        return image
+        """Starts (n, d) of the first search."""
+        if self.how.network:
+            self.evaluations += len(x)
+            return self.field.inverse.canonical_points(x[None], self.B[None])[0]
+        return self._rigid(x, 0) if self.how.bones else x  # the root bone's inverse; the parts follow
 
-    def _starts(self, x: Tensor) -> tuple[Tensor, ...]:
-        """Where further searches begin, each (n, d); nan where none is worth it."""
-        if self._many:
-            return self.overlap(x).unbind(1)
-        if self.mapping == "all-bones":
-            return tuple(self._rigid(x, bone) for bone in range(1, len(self.B)))
-        return ()
+    def _starts(self, x: Tensor) -> Iterator[Tensor]:
+        """Starts (n, d) of further searches; nan where none is worth it."""
+        if self.how.parts:
+            yield from self.overlap(x).unbind(1)
+        if self.how.bones:
+            yield from (self._rigid(x, bone) for bone in range(1, len(self.B)))
 
     def _rigid(self, x: Tensor, bone: int) -> Tensor:
-        """Images of points by a bone's inverse."""
+        """Points mapped by a bone's inverse."""
         d = x.shape[-1]
         inverse = torch.linalg.inv(self.B[bone])
         return x @ inverse[:d, :d].mT + inverse[:d, d]
@@ -205,11 +208,7 @@ class PosedSearch:
 
     def _search(self, x: Tensor, start: Tensor) -> "Found":
         """One search for each point."""
-        roots: Roots
-        if self.mapping == "fixed-point":
-            roots = fixed_point(x, start, self.field.skinning, self.blends, iterations=CONTRACTIONS)
-        else:
-            roots = newton(x, start, self.field.skinning, self.blends, iterations=ITERATIONS)
+        roots = self.how.iterate(x, start, self.field.skinning, self.blends)
         self.evaluations += roots.evaluations
         distance = self.field.inverse.cache.distance(roots.x_rest)
         distance = torch.where(roots.residual < ROOT, distance, torch.inf)

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from nilbs.fields.forward_network import ForwardNetwork
-from nilbs.fields.nilbs import NilbsField, inverse_map
+from nilbs.fields.inverse_map import InverseField, inverse_map
 from nilbs.fields.samples import RestSamples
 from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 
@@ -45,7 +45,7 @@ class WeightTerm:
 
     Parameters
     ----------
-    field : NilbsField
+    field : InverseField
         What is trained.
     poses : (t, b, d+1, d+1) tensor, optional
         The motion's frames. None poses nothing: rest points are supervised in the rest pose.
@@ -64,7 +64,7 @@ class WeightTerm:
 
     def __init__(
         self,
-        field: NilbsField,
+        field: InverseField,
         poses: Tensor | None,
         rest: RestSamples,
         *,

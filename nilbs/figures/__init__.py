@@ -40,7 +40,7 @@ def figure_files(model: "Model") -> list[str]:
     -------
     names : list of str
     """
-    network, trained = model.settings.method == "nilbs", len(model.history) > 0
+    network, trained = "inverse" in model.method.mappings, len(model.history) > 0
     shown = {"notation": True, "weights": network, "ghost": network, "training": trained, "reconstruction": True}
     return [f"{name}.png" for name, there in shown.items() if there]
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,8 +43,13 @@ def write_archive(
         file.write(save(contiguous, metadata))
 
 
-def read_archive(path: str | Path, *, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read the arrays and settings that `write_archive` wrote; FileFormatError for another kind or a damaged file."""
+def read_archive(
+    path: str | Path, *, kind: str, older: Sequence[str] = ()
+) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read the arrays and settings that `write_archive` wrote.
+
+    `older` are kinds of earlier versions that are read as well; any other kind, or a damaged file, is a FileFormatError.
+    """
     from safetensors import SafetensorError
     from safetensors.numpy import load
 
@@ -62,12 +67,12 @@ def read_archive(path: str | Path, *, kind: str) -> tuple[dict[str, np.ndarray],
     except (SafetensorError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise FileFormatError(path, f"is not a {what} file, or is damaged ({type(error).__name__})") from None
     found = metadata.get("kind") if isinstance(metadata, dict) else None
-    if found != kind:
+    if found not in (kind, *older):
         raise FileFormatError(
             path, f"is {found or 'something else'!r}, not {kind!r}, which this version of nilbs reads"
         )
     text = str(metadata.get("settings"))
-    if metadata.get("digest") != _digest(arrays, kind, text):
+    if metadata.get("digest") != _digest(arrays, found, text):
         raise FileFormatError(path, "is damaged: its digest does not match its content")
     try:
         settings = parse_json(text)

@@ -1,27 +1,48 @@
-"""Mesh linear blend skinning: the truth, and its own surface on a grid, which a field's is compared with."""
+"""Mesh linear blend skinning: the truth that scores compare with, as a method and in one pose."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from nilbs.fields.array_field import ArrayAnswers, ArrayField
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.surface import Surface
 from nilbs.geometry.winding import occupancy
+from nilbs.methods.base import Method
+
+if TYPE_CHECKING:
+    from nilbs.characters.character import Character
+    from nilbs.fields.array_field import ArrayAnswers, ArrayField
 
 
-class MeshLbs:
-    """The posed mesh itself, asked as a field is asked.
+@dataclass(frozen=True)
+class MeshSkinning(Method):
+    """The mesh, posed by linear blend skinning (eq. 1); its distance is that of the posed mesh."""
 
-    A posed mesh may overlap itself; its winding number is 2 there, and the place counts as inside.
+    name: ClassVar[str] = "mesh-lbs"
+    summary: ClassVar[str] = "the posed mesh itself, the truth that scores compare with"
 
-    Parameters
-    ----------
-    U : (n, d) float array
-        Posed vertices, in mesh units.
-    F : (m, d) int array
-        Facets.
+    def field(self, character: "Character") -> "ArrayField":
+        """The field of a character."""
+        from nilbs.fields.array_field import ArrayField
+        from nilbs.fields.unit_frame import at_rest
+
+        V, F, W = at_rest(character, character.V), character.F, character.W
+
+        def in_pose(B: np.ndarray) -> "ArrayAnswers":
+            U = linear_blend_skinning(V, W, B)
+            return lambda x: (signed_distance(U, F, x), np.full(x.shape, np.nan))
+
+        return ArrayField(in_pose, canonical_points=False)
+
+
+class PosedMesh:
+    """A posed mesh that is queried as a posed model is.
+
+    A posed mesh may overlap itself; its winding number is 2 there, and the point counts as inside.
     """
 
     def __init__(self, U: np.ndarray, F: np.ndarray) -> None:
@@ -39,22 +60,3 @@ class MeshLbs:
             return distance, distance
 
         return field_surface(levels, grid)
-
-
-class MeshLbsField(ArrayField):
-    """The mesh, posed by linear blend skinning (eq. 1), behind the interface of every method.
-
-    Its distance is that of the posed mesh, not one at rest, and its rest images are nan.
-
-    Parameters
-    ----------
-    V, F, W : arrays
-        Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
-    """
-
-    knows_rest_images = False
-
-    def posed_arrays(self, B: np.ndarray) -> ArrayAnswers:
-        """Signed distances to the mesh in a pose (b, d+1, d+1)."""
-        U = linear_blend_skinning(self.V, self.W, B)
-        return lambda x: (signed_distance(U, self.F, x), np.full(x.shape, np.nan))

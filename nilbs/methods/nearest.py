@@ -1,27 +1,46 @@
-"""Inverse skinning with the weights of the nearest posed vertex: the plainest rival, with nothing learned."""
+"""The plainest baseline: inverse skinning with the weights of the nearest posed vertex, nothing learned."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from nilbs.fields.array_field import ArrayAnswers, ArrayField
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
+from nilbs.methods.base import Method
+
+if TYPE_CHECKING:
+    from nilbs.characters.character import Character
+    from nilbs.fields.array_field import ArrayAnswers, ArrayField
 
 
-class NearestVertex(ArrayField):
-    """The inverse map (eq. 6) with weights that are copied instead of predicted.
+@dataclass(frozen=True)
+class Nearest(Method):
+    """The inverse map (eq. 6) with weights that are copied instead of predicted."""
 
-    A posed point takes the weights of the nearest posed vertex; the inverse of their blend sends it to its rest image,
-    whose exact signed distance is the answer. Where a blend has no inverse the point is sent so far away that it is
-    surely outside.
+    name: ClassVar[str] = "nearest"
+    summary: ClassVar[str] = "inverse skinning with the weights of the nearest posed vertex"
 
-    Parameters
-    ----------
-    V, F, W : arrays
-        Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
+    def field(self, character: "Character") -> "ArrayField":
+        """The field of a character."""
+        from nilbs.fields.array_field import ArrayField
+        from nilbs.fields.unit_frame import at_rest
+
+        return ArrayField(NearestVertex(at_rest(character, character.V), character.F, character.W))
+
+
+class NearestVertex:
+    """Signed distances at canonical points by the weights of the nearest posed vertex.
+
+    The inverse of the blend of these weights maps the posed point to its canonical point, whose exact signed distance
+    is the answer. Where a blend has no inverse the canonical point lies so far away that it is surely outside.
     """
 
-    def posed_arrays(self, B: np.ndarray) -> ArrayAnswers:
-        """Signed distances and rest images in a pose (b, d+1, d+1)."""
+    def __init__(self, V: np.ndarray, F: np.ndarray, W: np.ndarray) -> None:
+        self.V, self.F, self.W = V, F, W
+
+    def __call__(self, B: np.ndarray) -> "ArrayAnswers":
+        """Distances and canonical points in a pose."""
         from scipy.spatial import cKDTree
 
         tree = cKDTree(linear_blend_skinning(self.V, self.W, B))

@@ -1,40 +1,57 @@
-"""Rigid pieces of the rest shape, each moved by its bone: what is left of skinning where nothing is blended."""
+"""Rigid pieces of the rest shape, each moved by its bone: skinning without a blend."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from nilbs.fields.array_field import ArrayAnswers, ArrayField
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
+from nilbs.methods.base import Method
 
-# Cells along the longest edge of the grid that tells how far the shape reaches beyond the vertices of a part.
+if TYPE_CHECKING:
+    from nilbs.characters.character import Character
+    from nilbs.fields.array_field import ArrayAnswers, ArrayField
+
+# Cells along the longest edge of the grid that bounds how far the shape reaches beyond the vertices of a part.
 RESOLUTION = 32
 # In units of the body's longest edge: the smallest distance of a place that no part holds.
 SMALLEST = 1e-6
-# In those units: what is surely farther away than this may be told to be nearer than it is.
+# In those units: a distance above this may be returned too small.
 NEAR = 0.1
 
 
-class RigidParts(ArrayField):
+@dataclass(frozen=True)
+class RigidParts(Method):
     """The union of rigid parts; nothing is learned, and nothing bends.
 
-    A part is the piece of the rest shape where its bone's weight is largest; the weights at a place are those of the
-    nearest vertex of the surface or the volume. Every bone's inverse transform gives a posed point an image, and the
-    point is inside where the image lies in the shape and in the bone's own part.
+    A part is the piece of the rest shape where its bone's weight is largest. Every bone's inverse transform gives a
+    candidate for the canonical point; the point is inside if a candidate lies in the shape and in the bone's own part.
+    """
 
-    The distance is the exact one to the rest shape at the deepest image that lies in its own part. Where there is no
-    image of that kind it is positive and at most the distance to the nearest part, which may be the cut between two.
-    The cut itself is no surface: at a place inside it does not count.
+    name: ClassVar[str] = "rigid-parts"
+    summary: ClassVar[str] = "every bone's rigid inverse, where that bone owns the place"
 
-    Parameters
-    ----------
-    V, F, W : arrays
-        Rest vertices (n, d), facets (m, d) and skinning weights (n, b).
-    V_volume, W_volume : arrays
-        Vertices of the volume (n', d) and their weights (n', b).
+    def field(self, character: "Character") -> "ArrayField":
+        """The field of a character."""
+        from nilbs.fields.array_field import ArrayField
+        from nilbs.fields.unit_frame import at_rest
+
+        c = character
+        return ArrayField(RigidPieces(at_rest(c, c.V), c.F, c.W, at_rest(c, c.V_volume), c.W_volume))
+
+
+class RigidPieces:
+    """Distances of the union of rigid parts.
+
+    The weights at a place are those of the nearest vertex of the surface or the volume. The distance is the exact one
+    to the rest shape at the deepest candidate that lies in its own part. If there is none it is positive and at most
+    the distance to the nearest part, which may be the cut between two. The cut itself is no surface: at a place inside
+    it does not count.
     """
 
     def __init__(self, V: np.ndarray, F: np.ndarray, W: np.ndarray, V_volume: np.ndarray, W_volume: np.ndarray) -> None:
-        super().__init__(V, F, W)
+        self.V, self.F, self.W = V, F, W
         from scipy.spatial import cKDTree
 
         places = np.concatenate([V, V_volume])
@@ -49,11 +66,11 @@ class RigidParts(ArrayField):
         self.apart = 10 * (np.linalg.norm(np.ptp(places, axis=0)) + reach)
         self.part_tree = cKDTree(np.column_stack([places, self.apart * self.owner]))
 
-    def posed_arrays(self, B: np.ndarray) -> ArrayAnswers:
-        """Signed distances and rest images in a pose (b, d+1, d+1)."""
+    def __call__(self, B: np.ndarray) -> "ArrayAnswers":
+        """Distances and canonical points in a pose."""
         d = self.V.shape[1]
         linear, offset = B[:, :d, :d].copy(), B[:, :d, d, None]
-        # A bone that flattens space has no images: it sends points far away.
+        # A bone that flattens space has no inverse: its candidates lie far away.
         singular = np.abs(np.linalg.det(linear)) < 1e-12
         linear[singular] = np.eye(d)
         inverse = np.linalg.inv(linear)

@@ -15,9 +15,9 @@ from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses, ran
 from nilbs.geometry.metrics import HIGHER_IS_BETTER, intersection_over_union, surface_scores
 from nilbs.geometry.sampling import near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.methods.building import build_field
-from nilbs.methods.mesh_lbs import MeshLbs
-from nilbs.methods.settings import MAPPINGS, NOISE, ROWS, Settings
+from nilbs.methods.base import NOISE
+from nilbs.methods.mesh_lbs import PosedMesh
+from nilbs.methods.registry import method_class, untrained
 from nilbs.models.model import Model
 from nilbs.models.posed_model import PosedModel
 from nilbs.models.protocol import IOUS, POINTS, POSE_SETS, RESOLUTION
@@ -45,10 +45,11 @@ class Scores:
     def __str__(self) -> str:
         """A table of means, the worst frame in brackets for the two IoUs."""
         v = self.values
+        training = v["training"]
         lines = [
             f"L {v['L']:.4g} mesh units, surface noise {v['noise']:g} L, {v['points']} points, "
             f"resolution {v['resolution']}, seed {v['seed']}",
-            f"trained on {v['training']['frames']} frames, {v['training']['steps']} steps: {v['training']['motion']}",
+            f"trained on {training['frames']} frames, {training.get('steps') or 0} steps: {training['motion']}",
             "truth: the mesh skinned by LBS, inside where |winding number| > 1/2; lengths in % of L",
             "",
             f"{'':26}{'iou_bbox':>17}{'iou_surface':>17}{'chamfer_l1':>12}{'p95':>8}{'hausdorff':>11}{'normals':>9}"
@@ -88,7 +89,8 @@ def evaluate(
         Which of "seen", "interpolated", "unseen" and "far"; and "random S" for other random poses, whose angles have a
         standard deviation of S radians.
     rows : sequence of str
-        What to score beside the model, of `nilbs.methods.settings.ROWS`.
+        What to score beside the model: "floor", the truth's own surface on the same grid; the names of methods that
+        learn nothing; the mappings of the model's method.
     noise : float
         Standard deviation of the points near the surface, in units of L.
     ious : sequence of str
@@ -127,7 +129,7 @@ def evaluate(
             "points must be at least 1, resolution 0 or at least 2, noise at least 0; "
             f"got {points}, {resolution}, {noise}"
         )
-    _refuse_what_cannot_be_scored(model.settings.method, rows, ious, distances=distances)
+    _check_scores(model, rows, ious, distances=distances)
     frames = {name: evaluation_poses(model.character, model.motion, name, seed=seed) for name in poses}
     asked = {row: _asked(model, row) for row in ("", *rows)}
     results: dict[str, dict[str, list[dict[str, Any]]]] = {row: {name: [] for name in poses} for row in asked}
@@ -176,13 +178,15 @@ def evaluate(
     )
 
 
-def _refuse_what_cannot_be_scored(method: str, rows: Sequence[str], ious: Sequence[str], *, distances: bool) -> None:
+def _check_scores(model: Model, rows: Sequence[str], ious: Sequence[str], *, distances: bool) -> None:
+    own = model.method.mappings
     for name in rows:
-        if name not in ROWS:
-            raise ValueError(f"{name!r} is none of {', '.join(ROWS)}")
-        if name in MAPPINGS and method != "nilbs":
-            raise ValueError(f"the row {name!r} is of the method nilbs, and this model's is {method}")
-    if distances and (method != "nilbs" or set(rows) - {"floor", *MAPPINGS}):
+        if name not in {"floor", *own, *untrained()}:
+            raise ValueError(
+                f"{name!r} is no row of a model of the method {model.method.name}; rows are "
+                f"{', '.join(['floor', *untrained(), *own])}"
+            )
+    if distances and (not own or set(rows) - {"floor", *own}):
         raise ValueError("distances are compared for the method nilbs and its own rows only")
     if not ious or set(ious) - set(IOUS):
         raise ValueError(f"ious must be some of {', '.join(IOUS)}, got {', '.join(ious) or 'none'}")
@@ -270,11 +274,11 @@ def _asked(model: Model, row: str) -> Callable[[np.ndarray], _Posed | None]:
     """A row's answers, by pose; the model's own is the row without a name. The floor has none of its own."""
     if row == "floor":
         return lambda pose: None
-    if row == "" or row in MAPPINGS:
+    if row == "" or row in model.method.mappings:
         return lambda pose: model.posed(pose, mapping=row or None)
-    settings = Settings(method=row).resolved(bones=len(model.character.skeleton.BE), d=model.character.d)
-    field = build_field(model.character, settings)
-    return lambda pose: PosedModel(model.character, field, pose)
+    method = method_class(row)().resolved(model.character)
+    field = method.field(model.character)
+    return lambda pose: PosedModel(model.character, method, field, pose)
 
 
 @dataclass(frozen=True)
@@ -282,7 +286,7 @@ class _Scene:
     """One pose's truth, and the points that it is compared at."""
 
     character: Character
-    truth: MeshLbs
+    truth: PosedMesh
     grid: Grid
     resolution: int
     samples: int
@@ -302,7 +306,7 @@ class _Scene:
         stream: list[int],
     ) -> "_Scene":
         U = linear_blend_skinning(c.V, c.W, pose)
-        truth, grid = MeshLbs(U, c.F), Grid.cube(U, resolution or 1)
+        truth, grid = PosedMesh(U, c.F), Grid.cube(U, resolution or 1)
         rng = np.random.default_rng([*stream, 1])
         bbox = uniform_samples(grid.lower, grid.upper, points, rng=rng)  # also where it is not scored: the stream's
         surface = near_surface_samples(U, c.F, points, std=noise * c.L, rng=rng)

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -14,11 +14,12 @@ import torch
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
 from nilbs.characters.report import Report, silent
-from nilbs.fields.field import Field
+from nilbs.fields.field import Field, like
 from nilbs.fields.objective import Objective
+from nilbs.fields.scene import Scene
 from nilbs.fields.training import TrainingState, train
-from nilbs.methods.building import build_field, build_objective
-from nilbs.methods.settings import UNTRAINED, Settings
+from nilbs.methods.base import Method, TrainedMethod
+from nilbs.methods.registry import method_of, values_of
 from nilbs.models.model import Model, torch_device
 
 CHECKPOINT_KIND = "nilbs checkpoint 4"
@@ -32,7 +33,7 @@ MOST_STEPS = 10**8
 def fit(
     character: Character,
     motion: Motion,
-    settings: Settings | None = None,
+    method: Method | str = "nilbs",
     *,
     device: str = "auto",
     dtype: torch.dtype = torch.float32,
@@ -41,7 +42,7 @@ def fit(
     resume: bool = False,
     progress: bool = False,
     report: Report | None = None,
-    **changes: Any,
+    **settings: Any,
 ) -> Model:
     """Train a field on a character in motion.
 
@@ -50,15 +51,15 @@ def fit(
     character : Character
     motion : Motion
         Its frames are what the occupancy loss sees.
-    settings : Settings, optional
-        How to train.
+    method : Method or str
+        How to make and train the field; a name takes its default settings.
     device : str
         "cpu", "cuda", ... or "auto".
     dtype : torch.dtype
         torch.float32 or torch.float64.
     minutes : float, optional
         How long the steps may take together, in place of their number: as many are taken as a short trial says will
-        fit. The model's settings then tell that number, and a training with it gives the same model.
+        fit. The model's method then has that number, and a training with it gives the same model.
     checkpoint : path, optional
         Where the training is saved while it runs; `remove_checkpoint` removes it when the model is safe.
     resume : bool
@@ -67,8 +68,8 @@ def fit(
         Show progress on standard error.
     report : function of str, optional
         Receives a line on where a continued training goes on.
-    **changes
-        Settings by name, in place of those given: ``fit(character, motion, steps=1000, seed=3)``.
+    **settings
+        Settings of the method by name, instead of its own: ``fit(character, motion, "nasa", steps=1000, seed=3)``.
 
     Returns
     -------
@@ -93,37 +94,39 @@ def fit(
     >>> model.occupancy([[0, -0.3], [9, 9]], model.motion[0]) > 0.5
     array([ True, False])
     """
-    settings = replace(settings or Settings(), **changes)
+    chosen = method_of(method, **settings)
     if not len(motion):
         raise ValueError("the motion has no frames")
-    if minutes is not None and not (0 < minutes < float("inf") and settings.steps == 0):
-        raise ValueError(f"minutes must be positive and stand alone, got {minutes} and {settings.steps} steps")
-    settings = settings.resolved(bones=len(character.skeleton.BE), d=character.d)
-    report = report or silent
+    if minutes is not None and not (0 < minutes < float("inf") and getattr(chosen, "steps", None) is None):
+        raise ValueError(f"minutes must be positive and stand without steps, got {minutes}")
     if motion.B.shape[1:] != (len(character.skeleton.BE), character.d + 1, character.d + 1):
         raise ValueError(
             f"the motion moves {motion.B.shape[1]} bones in {motion.B.shape[2] - 1} dimensions, "
             f"the character has {len(character.skeleton.BE)} in {character.d}"
         )
+    resolved = chosen.resolved(character)
+    report = report or silent
     # How long a training takes is no part of what it is.
-    open_ended = settings if minutes is None else replace(settings, steps=0)
+    open_ended = resolved if minutes is None else replace(resolved, steps=None)  # type: ignore[call-arg]
     fingerprint = _fingerprint(character, motion, open_ended, dtype)
     state = None
     if checkpoint is not None and resume:
         state = _load_checkpoint(Path(checkpoint), fingerprint, report)
-    with torch.random.fork_rng():  # networks begin as torch's own generator says, which is the caller's
-        torch.manual_seed(settings.seed)
-        field = build_field(character, settings).to(device=torch_device(device), dtype=dtype)
-    if settings.method in UNTRAINED:
-        report(f"the method {settings.method} learns nothing: there is no training")
-        return Model(character, motion, settings, np.zeros(0), field)
-    objective = build_objective(field, character, motion, settings, progress=progress)
-    steps = settings.steps
+    with torch.random.fork_rng():  # networks draw from torch's own generator, which is the caller's
+        torch.manual_seed(resolved.seed)
+        field = resolved.field(character).to(device=torch_device(device), dtype=dtype)
+    if not isinstance(resolved, TrainedMethod):
+        report(f"the method {resolved.name} learns nothing: there is no training")
+        return Model(character, motion, resolved, np.zeros(0), field)
+    scene = Scene.of(character, motion, like(field), seed=resolved.seed, progress=progress)
+    objective = resolved.objective(field, scene)
+    assert resolved.steps is not None
+    steps = resolved.steps
     if state is not None:
         steps = state.steps
     elif minutes is not None:
         report("measuring how long a step takes")
-        steps = _steps_within(60 * minutes, field, objective, settings.learning_rate)
+        steps = _steps_within(60 * minutes, field, objective, resolved.learning_rate)
         report(f"{steps} steps will take about {minutes:g} min")
 
     def save(state: TrainingState) -> None:
@@ -134,13 +137,13 @@ def fit(
         field,
         objective,
         steps=steps,
-        learning_rate=settings.learning_rate,
+        learning_rate=resolved.learning_rate,
         state=None if state is None else state.training,
         save=save,
         save_every=objective.memory,
         progress=progress,
     )
-    return Model(character, motion, replace(settings, steps=steps), history, field)
+    return Model(character, motion, replace(resolved, steps=steps), history, field)
 
 
 def remove_checkpoint(path: str | Path) -> None:
@@ -179,9 +182,9 @@ def _steps_within(seconds: float, field: Field, objective: Objective, learning_r
     return max(1, int(steps))
 
 
-def _fingerprint(character: Character, motion: Motion, settings: Settings, dtype: torch.dtype) -> str:
+def _fingerprint(character: Character, motion: Motion, method: Method, dtype: torch.dtype) -> str:
     """What a checkpoint belongs to: everything that the training depends on."""
-    digest = hashlib.sha256(json.dumps([asdict(settings), str(dtype)], sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps([method.name, values_of(method), str(dtype)], sort_keys=True).encode())
     for array in (*character.arrays().values(), motion.B):
         digest.update(f"{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())

@@ -1,7 +1,7 @@
 """A trained model: one object that answers for any point and any pose, and is kept in one file."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,13 +11,14 @@ import torch
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
 from nilbs.fields.answer import Answer
-from nilbs.fields.field import Field
-from nilbs.fields.unit_frame import root_bone
+from nilbs.fields.field import Field, like
+from nilbs.fields.unit_frame import UnitFrame, rest_center, root_bone
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.surface import Surface
-from nilbs.methods.settings import Settings
-from nilbs.models.posed_model import PosedModel, answer_in_mesh_units, searching
+from nilbs.methods.base import Method
+from nilbs.methods.registry import values_of
+from nilbs.models.posed_model import PosedModel, check_pose_shape
 from nilbs.models.protocol import RESOLUTION
 
 if TYPE_CHECKING:
@@ -33,7 +34,8 @@ class Model:
     character : Character
     motion : Motion
         The training frames.
-    settings : Settings
+    method : Method
+        With its settings.
     history : (steps,) float array
         Loss at each training step.
     field : Field
@@ -42,14 +44,19 @@ class Model:
 
     character: Character
     motion: Motion
-    settings: Settings
+    method: Method
     history: np.ndarray
     field: Field
 
     @property
     def config(self) -> dict[str, Any]:
         """Settings of the training and where its motion came from, as JSON holds them."""
-        return {**asdict(self.settings), "motion": self.motion.source, "frames": len(self.motion)}
+        return {
+            "method": self.method.name,
+            **values_of(self.method),
+            "motion": self.motion.source,
+            "frames": len(self.motion),
+        }
 
     @property
     def root(self) -> int:
@@ -64,8 +71,7 @@ class Model:
         pose : (b, d+1, d+1) float array
             Bone transforms, rest to posed.
         mapping : str, optional
-            Where rest images come from, one of `MAPPINGS`; by default what the settings say. Only the
-            method "nilbs" has a choice.
+            Way to the canonical points, one of `method.mappings`; by default the method's own.
         ghost : bool
             Whether the ghost bone takes part in the answers "inverse" (eq. 8) and "reverse"; without it this is eq. 7.
 
@@ -79,7 +85,7 @@ class Model:
             If the pose has another shape, a bone's transform is singular or absurdly far, or the method has no such
             mapping.
         """
-        return PosedModel(self.character, self.field, pose, mapping=self._mapping(mapping), ghost=ghost)
+        return PosedModel(self.character, self.method, self.field, pose, mapping=mapping, ghost=ghost)
 
     def occupancy(
         self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True
@@ -107,10 +113,10 @@ class Model:
         return self.posed(pose, mapping=mapping, ghost=ghost).occupancy(x)
 
     def distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
-        """Signed distance of posed points, read at their rest images: that of the *rest* shape, not of the posed one.
+        """Signed distance of the *rest* shape at the canonical points of posed points.
 
         Where skinning stretches, the two differ by the stretch. The sign always agrees with `occupancy`: a point
-        without a rest image, or one that the ghost bone overrules, is outside. Its absolute value is the unsigned
+        without a canonical point, or one that the ghost bone overrules, is outside. Its absolute value is the unsigned
         distance.
 
         Parameters
@@ -126,16 +132,15 @@ class Model:
         Raises
         ------
         ValueError
-            As `occupancy`; or if the method knows no distance.
+            As `occupancy`; or if the method has no distance.
         """
         return self.posed(pose, mapping=mapping).distance(x)
 
     def posed_distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
         """Signed distance of posed points in the posed frame, to first order.
 
-        The distance at rest is multiplied by the local stretch: the length of its gradient by the rest image over that
-        by the posed point. Exact to first order at the skin, which skinning may stretch or press, and for any
-        similarity.
+        The distance at rest times the local stretch: the length of its gradient by the canonical point over that by the
+        posed point. Exact to first order at the skin, however it is stretched, and for any similarity.
 
         Parameters
         ----------
@@ -145,7 +150,7 @@ class Model:
         Returns
         -------
         distance : (n,) float array
-            In mesh units, negative inside. Where the gradient says nothing (no rest image, the middle of a limb) it is
+            In mesh units, negative inside. Where there is no gradient (no canonical point, the middle of a limb) it is
             that at rest.
 
         Raises
@@ -164,7 +169,7 @@ class Model:
         outside: float = np.nan,
         mapping: str | None = None,
     ) -> np.ndarray:
-        """Values of any field that is known at rest, read at the rest images of posed points (eq. 7).
+        """Values of any field that is known at rest, read at the canonical points of posed points (eq. 7).
 
         Parameters
         ----------
@@ -183,7 +188,7 @@ class Model:
         Raises
         ------
         ValueError
-            As `occupancy`; or if the rest field answers another number of points, or the method has no rest images.
+            As `occupancy`; or if the rest field has another number of values, or the method no canonical points.
         """
         return self.posed(pose, mapping=mapping).values(rest_field, x, outside=outside)
 
@@ -218,13 +223,13 @@ class Model:
         Returns
         -------
         x_rest : (n, d) float array
-            In mesh units. A point without a rest image has the place where its first search began: by default the
+            In mesh units. A point without a canonical point has the place where its first search began: by default the
             inverse map's; nan by the method "snarf".
 
         Raises
         ------
         ValueError
-            As `occupancy`; or if the method has no rest images.
+            As `occupancy`; or if the method has no canonical points.
         """
         return self.posed(pose, mapping=mapping).rest_points(x)
 
@@ -289,16 +294,29 @@ class Model:
         Returns
         -------
         answer : Answer
-            Distance and rest images in mesh units. Derivatives are of first order: by the root search they are those of
-            the root, by the implicit function theorem, and do not pass through its iterations. What the
-            methods nearest, rigid-parts and mesh-lbs answer has none.
+            In mesh units. Derivatives are of first order; those of a root follow from the implicit function theorem, not
+            through the iterations of its search. Answers of the methods nearest, rigid-parts and mesh-lbs have none.
 
         Raises
         ------
         ValueError
             If the method has no such mapping, a shape, type or device does not fit, or a number is not finite.
         """
-        return answer_in_mesh_units(self.character, self.field, x, pose, mapping=self._mapping(mapping))
+        d = self.character.d
+        for name, tensor in (("x", x), ("pose", pose)):
+            kinds = "torch.float32 or torch.float64"
+            if not isinstance(tensor, torch.Tensor) or tensor.dtype not in (torch.float32, torch.float64):
+                raise ValueError(f"{name} must be a tensor of {kinds}, got {getattr(tensor, 'dtype', type(tensor))}")
+            if not bool(torch.isfinite(tensor).all()):
+                raise ValueError(f"{name} has numbers that are not finite")
+        if x.ndim != 2 or x.shape[1] != d:
+            raise ValueError(f"x must be (n, {d}), got {tuple(x.shape)}")
+        check_pose_shape(self.character, pose.shape)
+        self.method.check_mapping(mapping)
+        frame, as_field = UnitFrame(self.character, pose), like(self.field)
+        posed = self.method.posed(self.field, frame.B.to(as_field), mapping)
+        center = torch.as_tensor(rest_center(self.character)).to(as_field)
+        return posed(frame.points(x.to(pose)).to(as_field)).in_mesh_units(self.character.L, center)
 
     def to(self, *, device: str | None = None, dtype: torch.dtype | None = None) -> "Self":
         """Move the field to a device or a precision, in place."""
@@ -316,11 +334,6 @@ class Model:
         from nilbs.models.model_file import save_model
 
         save_model(self, path)
-
-    def _mapping(self, mapping: str | None) -> str | None:
-        if mapping is not None:
-            searching(self.field)
-        return self.settings.mapping if mapping is None and self.settings.method == "nilbs" else mapping
 
 
 def torch_device(name: str) -> str:

@@ -5,10 +5,10 @@ import json
 
 import numpy as np
 import pytest
+from nilbs.methods.settings import Settings
 
 from nilbs.app.main import main
 from nilbs.io import write_mesh, write_tgf, write_weights
-from nilbs.methods.settings import Settings
 
 QUICK = {"cache_resolution": 16, "samples_per_frame": 100, "points_per_pose": 32, "poses_per_step": 2, "width": 8}
 

@@ -7,7 +7,6 @@ import pytest
 
 if TYPE_CHECKING:
     import torch
-
     from nilbs.fields.nilbs import NilbsField
 
 
@@ -22,11 +21,11 @@ class Chain:
     def field(self, d: int) -> "NilbsField":
         """A field that was never trained, of a distance that grows along the axes."""
         import torch
+        from nilbs.fields.nilbs import NilbsField
 
         from nilbs.fields.cache import RestCache
         from nilbs.fields.encoding import LocalEncoding
         from nilbs.fields.network import WeightNetwork
-        from nilbs.fields.nilbs import NilbsField
 
         torch.manual_seed(0)
         cache = RestCache.of_grid(torch.linspace(-1, 1, 4**d).reshape((4,) * d), torch.full((d,), -1.0), 0.7, width=0.1)

@@ -3,9 +3,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
+from nilbs.fields.nilbs import NilbsField
 
 from nilbs.fields import occupancy_term
-from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.occupancy_term import LOOKS, OccupancyTerm
 from nilbs.fields.samples import OccupancySamples
 

@@ -3,13 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from nilbs.methods.settings import Settings
 
 from nilbs.fields.encoding import ParameterEncoding
 from nilbs.fields.forward_network import ForwardNetwork
 from nilbs.fields.rest_state import RestState, check_rest_state, rest_state, search_field
 from nilbs.fields.unit_frame import at_rest
 from nilbs.geometry.distance import signed_distance
-from nilbs.methods.settings import Settings
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 SETTINGS = Settings(width=8, depth=2, cache_resolution=64, weight_resolution=48)

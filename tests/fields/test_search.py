@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from nilbs.fields.nilbs import NilbsField
 
 from nilbs.fields.cache import RestCache
 from nilbs.fields.encoding import LocalEncoding
@@ -10,7 +11,6 @@ from nilbs.fields.fixed_point import fixed_point
 from nilbs.fields.forward import ForwardField, packed_weights
 from nilbs.fields.network import WeightNetwork
 from nilbs.fields.newton import newton
-from nilbs.fields.nilbs import NilbsField
 from nilbs.fields.overlap import APART, NEAR, Overlap
 from nilbs.fields.search import Found, SearchField
 from nilbs.geometry.grids import Grid

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
+from nilbs.methods.settings import Settings
 
 from nilbs.characters.character import Character
 from nilbs.characters.gingerbread import gingerbread
@@ -14,7 +15,6 @@ from nilbs.figures.training import running_median
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.winding import occupancy
-from nilbs.methods.settings import Settings
 
 NAMES = ["notation.png", "weights.png", "ghost.png", "training.png", "reconstruction.png"]
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
-
 from nilbs.methods.broyden import broyden
+from torch import Tensor
 
 
 def bend(x_rest: Tensor) -> Tensor:

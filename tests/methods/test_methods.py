@@ -3,6 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from nilbs.methods.building import build_field, build_objective
+from nilbs.methods.settings import METHODS, UNTRAINED, Settings
 
 from nilbs.characters.character import Character
 from nilbs.fields.objective import Objective
@@ -11,9 +13,7 @@ from nilbs.fields.unit_frame import at_rest
 from nilbs.fields.weight_term import ForwardWeightTerm, WeightTerm
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.rotations import transform_points
-from nilbs.methods.building import build_field, build_objective
 from nilbs.methods.nasa import NasaWeightTerm
-from nilbs.methods.settings import METHODS, UNTRAINED, Settings
 from nilbs.methods.snarf import SnarfBoneTerm
 from nilbs.models.model import Model
 from nilbs.models.model_file import load_model

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 import torch
+from nilbs.methods.pose_mlp import PoseMlp
 
 from nilbs.geometry.kinematics import forward_kinematics
-from nilbs.methods.pose_mlp import PoseMlp
 
 BE, P = np.array([[0, 1], [1, 2], [1, 3]]), np.array([-1, 0, 0])
 

@@ -1,7 +1,6 @@
 from dataclasses import asdict, replace
 
 import pytest
-
 from nilbs.methods.settings import MAPPINGS, METHODS, UNTRAINED, Settings
 
 

@@ -5,6 +5,7 @@ from itertools import count
 
 import numpy as np
 import pytest
+from nilbs.methods.settings import Settings
 
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion, random_motion
@@ -15,7 +16,6 @@ from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.rotations import rotation_matrices
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.methods.mesh_lbs import MeshLbs
-from nilbs.methods.settings import Settings
 from nilbs.models.evaluation import evaluate, evaluation_poses
 from nilbs.models.protocol import IOUS, POSE_SETS
 

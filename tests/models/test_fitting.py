@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from nilbs.methods.settings import Settings
 
 from nilbs.app.main import main
 from nilbs.characters.character import Character, assemble
@@ -22,7 +23,6 @@ from nilbs.io.errors import FileFormatError
 from nilbs.io.mesh import write_mesh
 from nilbs.io.tgf import write_tgf
 from nilbs.io.weights import write_weights
-from nilbs.methods.settings import Settings
 from nilbs.models.fitting import CHECKPOINT_KIND, fit, remove_checkpoint
 from nilbs.models.model import Model
 from nilbs.models.model_file import load_model

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from nilbs.methods.settings import MAPPINGS
 
 import nilbs.models.posed_model
 from nilbs.fields.answer import Answer
@@ -9,7 +10,6 @@ from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.facets import is_watertight
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.methods.settings import MAPPINGS
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 ANSWERS = ("occupancy", "distance", "weights")

@@ -2,25 +2,29 @@
 
 import argparse
 
-from nilbs.app.options import add_json, add_points, add_resolution, add_seed
-from nilbs.methods.settings import ROWS
+from nilbs.app.options import add_device, add_json, add_points, add_resolution, add_seed
+from nilbs.methods.registry import all_methods
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
     parser.add_argument("--out", metavar="DIR", help="also write scores.json, scores.txt and pictures here")
+    rows = {"floor": "the true mesh's own distance on the same grid"}
+    for kind in all_methods().values():
+        rows |= kind.mappings if kind.trained else {kind.name: kind.summary}
     parser.add_argument(
         "--rows",
         nargs="+",
         default=(),
-        choices=tuple(ROWS),
+        choices=tuple(rows),
         metavar="ROW",
-        help="score these beside the model: " + "; ".join(f"{row}, {what}" for row, what in ROWS.items()),
+        help="score these beside the model: " + "; ".join(f"{row}, {what}" for row, what in rows.items()),
     )
     add_points(parser)
     add_resolution(parser)
     add_seed(parser)
+    add_device(parser)
     add_json(parser)
 
 
@@ -33,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.io import check_writable
     from nilbs.models.model_file import load_model
 
-    model = load_model(args.model)
+    model = load_model(args.model, device=args.device)
     if args.out is not None:
         from nilbs.figures import figure_files, write_figures
 

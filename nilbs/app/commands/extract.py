@@ -2,7 +2,7 @@
 
 import argparse
 
-from nilbs.app.options import add_json, add_pose, add_resolution
+from nilbs.app.options import add_device, add_json, add_pose, add_resolution
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -12,6 +12,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_resolution(parser)
     kinds = ".obj, .ply, .off, .stl or .3mf; in two dimensions .obj or .ply"
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help=f"the mesh to write, {kinds}")
+    add_device(parser)
     add_json(parser)
 
 
@@ -28,7 +29,7 @@ def run(args: argparse.Namespace) -> None:
 
     check_suffix(args.output, *MESHES)
     check_writable(args.output)
-    model = load_model(args.model)
+    model = load_model(args.model, device=args.device)
     if model.character.d == 2:
         check_suffix(args.output, *OUTLINES)
     pose = chosen_pose(model, args)

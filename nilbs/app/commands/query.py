@@ -2,7 +2,7 @@
 
 import argparse
 
-from nilbs.app.options import add_json, add_pose
+from nilbs.app.options import add_device, add_json, add_pose
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,6 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "rest shape's",
     )
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the (n,) values to write, .npy")
+    add_device(parser)
     add_json(parser)
 
 
@@ -32,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     check_suffix(args.output, ".npy")
     check_writable(args.output, inputs=[args.points])
     x = read_npy(args.points)
-    model = load_model(args.model)
+    model = load_model(args.model, device=args.device)
     d = model.character.d
     if x.ndim != 2 or x.shape[1] != d:
         raise FileFormatError(args.points, f"points must be (n, {d}) for this model, the file holds {x.shape}")

@@ -1,12 +1,21 @@
 """`nilbs train`: fit a field to a rigged mesh and its motion, and write it as one file."""
 
 import argparse
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from nilbs.app.options import add_character, add_json, add_motion, add_seed, add_solve, not_negative, positive, whole
+from nilbs.app.method_options import add_method, chosen_method
+from nilbs.app.options import (
+    add_character,
+    add_device,
+    add_json,
+    add_motion,
+    add_seed,
+    add_solve,
+    not_negative,
+    positive,
+    whole,
+)
 from nilbs.characters import AMPLITUDE, FRAMES
-from nilbs.methods.settings import METHODS, ONLY_NILBS, UNTRAINED, Settings
 
 if TYPE_CHECKING:
     from nilbs.characters.character import Character
@@ -37,40 +46,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RAD",
         help=f"rms local rotation of every bone but the roots in random motion (default {AMPLITUDE})",
     )
-    parser.add_argument(
-        "--method",
-        choices=tuple(METHODS),
-        default="nilbs",
-        metavar="NAME",
-        help=f"how to learn the field, one of {', '.join(METHODS)}; nilbs is the default, mesh-lbs the truth that "
-        "scores compare with, the others are rivals",
-    )
     length = parser.add_mutually_exclusive_group()
     length.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
     length.add_argument(
         "--minutes", type=positive, metavar="M", help="as many training steps as fit into this time on this machine"
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="any other setting of the training, by its name in nilbs.Settings; may be given again",
-    )
-    parser.add_argument(
-        "--supervision",
-        choices=("volume", "paper"),
-        default="volume",
-        help="volume (default): weights are known in the rest volume, in posed and in random poses; paper: both losses "
-        "as in the paper, weights known on the rest surface in the rest pose, no random poses, no position loss",
-    )
     parser.add_argument("--resume", action="store_true", help="go on from MODEL.checkpoint, if it exists")
-    parser.add_argument(
-        "--device", default="auto", metavar="NAME", help="cpu, cuda, ...; by default a GPU, if there is one"
-    )
+    add_device(parser, default="auto")
     parser.add_argument("-o", "--output", metavar="MODEL", required=True, help="the model to write, .nilbs")
     add_seed(parser)
     add_json(parser)
+    add_method(parser)
 
 
 def run(args: argparse.Namespace) -> None:
@@ -95,7 +81,7 @@ def run(args: argparse.Namespace) -> None:
     if args.motion is not None and args.amplitude is not None:
         raise ValueError("--amplitude is of random motion: it cannot stand beside --motion")
     check_motion_options(args)
-    settings = chosen_settings(args)
+    method = chosen_method(args)
     start = perf_counter()
     rigged = read_rigged_mesh(args.mesh, args.rig, args.weights, group=args.group, solve=args.solve, report=tell)
     given = None if args.motion is None else motion_of_file(args, rigged.skeleton).take(args.frames)
@@ -111,7 +97,7 @@ def run(args: argparse.Namespace) -> None:
         model = fit(
             character,
             motion,
-            settings,
+            method,
             device=device,
             minutes=args.minutes,
             checkpoint=checkpoint,
@@ -127,7 +113,7 @@ def run(args: argparse.Namespace) -> None:
     remove_checkpoint(checkpoint)
     values = {
         "model": args.output,
-        "method": args.method,
+        "method": method.name,
         # Of the last steps: that of one step is noisy.
         "loss": model.history[-100:].mean() if len(model.history) else None,
         "seconds": perf_counter() - start,
@@ -138,37 +124,6 @@ def run(args: argparse.Namespace) -> None:
         "seed": args.seed,
     }
     show(values, as_json=args.json)
-
-
-def chosen_settings(args: argparse.Namespace) -> Settings:
-    """Settings of a training, from the options.
-
-    Raises
-    ------
-    ValueError
-        If there is no such setting, an option of its own names it, the method does not read it, or its value is none.
-    """
-    default = Settings()
-    own = {"method": args.method, "supervision": args.supervision, "seed": args.seed, "steps": args.steps}
-    others: dict[str, Any] = {}
-    for given in args.set:
-        name, _, word = given.partition("=")
-        if name not in asdict(default) or name in own:
-            known = ", ".join(other for other in asdict(default) if other not in own)
-            raise ValueError(f"--set {given}: the settings are {known}")
-        if args.method in UNTRAINED:
-            raise ValueError(f"--set {given}: the method {args.method} learns nothing, so there is nothing to set")
-        if args.method != "nilbs" and name in ONLY_NILBS:
-            raise ValueError(f"--set {given}: the method {args.method} has no {name}; it is of the method nilbs")
-        kind = type(getattr(default, name))
-        words = {"true": True, "false": False}
-        try:
-            others[name] = words[word.lower()] if kind is bool else kind(word)
-        except (KeyError, ValueError):
-            raise ValueError(
-                f"--set {given}: {name} must be of type {kind.__name__}, such as {getattr(default, name)}"
-            ) from None
-    return Settings(**{name: value for name, value in own.items() if value is not None}, **others)
 
 
 def _random_motion(args: argparse.Namespace, character: "Character") -> "Motion":

@@ -4,12 +4,12 @@ import re
 from dataclasses import fields
 
 import pytest
+from nilbs.methods.settings import ROWS, Settings
 
 from benchmarks.study.characters import SOURCES, available
 from benchmarks.study.jobs import SCORE, TRAIN, Builder, Entry, Job
 from benchmarks.study.plan import PARTS, SWEEPS, SWEPT, plan
 from benchmarks.study.scale import TRAINED, full_scale, quick_scale
-from nilbs.methods.settings import ROWS, Settings
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 import torch
+from nilbs.fields.nilbs import FieldValues, NilbsField, inverse_map, reverse_map
 
 from nilbs.fields.cache import RestCache
 from nilbs.fields.encoding import LocalEncoding
 from nilbs.fields.network import WeightNetwork
-from nilbs.fields.nilbs import FieldValues, NilbsField, inverse_map, reverse_map
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skinning import inverse_linear_blend_skinning
 

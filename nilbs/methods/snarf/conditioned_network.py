@@ -1,4 +1,4 @@
-"""A network of points that is told of the pose in its middle, as SNARF's occupancy network is."""
+"""A network of points that takes the pose at its middle layer, as SNARF's occupancy network does."""
 
 from itertools import pairwise
 from math import pi
@@ -10,8 +10,8 @@ SHARPNESS = 100.0  # of the activation: the larger, the more it is like a ramp w
 SUMMARY = 8  # numbers that what many points share is summed up in
 
 
-class ToldNetwork(nn.Module):
-    """Multilayer perceptron on points, told in the middle of a few numbers that many points share.
+class ConditionedNetwork(nn.Module):
+    """Multilayer perceptron on points; a few numbers that many points share enter at its middle layer.
 
     Parameters
     ----------
@@ -27,11 +27,11 @@ class ToldNetwork(nn.Module):
         super().__init__()
         if depth < 2:
             raise ValueError(f"a network needs at least 2 layers, got {depth}")
-        self.told = depth // 2
+        self.middle = depth // 2
         sizes = [d, *([width] * (depth - 1)), outputs]
         self.layers = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
         self.summary = nn.Linear(shared, SUMMARY, bias=False) if shared else None
-        self.entry = nn.Linear(SUMMARY, sizes[self.told + 1], bias=False) if shared else None
+        self.entry = nn.Linear(SUMMARY, sizes[self.middle + 1], bias=False) if shared else None
 
     @property
     def linear(self) -> list[nn.Linear]:
@@ -39,11 +39,11 @@ class ToldNetwork(nn.Module):
         return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
 
     def forward(self, x: Tensor, shared: Tensor | None = None, which: Tensor | None = None) -> Tensor:
-        """Outputs at points (..., d), each with the row of the shared numbers that `which` tells."""
+        """Outputs at points (..., d), each with row `which` of the shared numbers."""
         hidden = x
         for i, layer in enumerate(self.layers):
             hidden = layer(_activation(hidden) if i else hidden)
-            if i == self.told and self.summary is not None and self.entry is not None:
+            if i == self.middle and self.summary is not None and self.entry is not None:
                 hidden = hidden + self.entry(self.summary(shared))[which]
         return hidden
 

@@ -12,8 +12,8 @@ from nilbs.fields.cramer import cramer
 from nilbs.fields.encoding import ParameterEncoding
 from nilbs.fields.field import Field
 from nilbs.fields.forward import affine
-from nilbs.methods.broyden import broyden
-from nilbs.methods.told_network import ToldNetwork
+from nilbs.methods.snarf.broyden import broyden
+from nilbs.methods.snarf.conditioned_network import ConditionedNetwork
 
 # Lengths are in units of the body's longest edge.
 CONVERGED = 1e-5  # a root's image misses by less
@@ -55,21 +55,7 @@ class SnarfField(Field):
     While training, the maximum over the roots is a mean of their occupancies weighted by a softmax of them, so that all
     of them learn. The occupancy network begins as a ball, and hears in the middle of 8 numbers that sum up the pose
     parameters: a pose changes little of the rest shape, and what it changes must hold in unseen poses as well. Details
-    that the paper leaves open are those of its authors' code.
-
-    Differs from the paper:
-
-    - Networks are smaller by default, for a training of minutes on a processor: 5 linear layers of 64 units in place
-      of 9 of 256, and 4 of 64 in place of 5 of 128. They have no weight normalisation and no skip connection.
-    - Few labelled points are drawn at a time: its search makes a point dear.
-    - Activations are h sigmoid(100 h), as near to a ramp as the softplus of the authors' code.
-    - The softmax of the weights is over all bones, not one after the other down the tree of a human body.
-    - A search takes 10 steps at the most, not 50, and begins with the map's whole derivative wherever it is asked; the
-      authors' code leaves out the derivative of the weights when it does not train.
-    - Roots that several searches find are taken once, and a search begins from every bone; the authors' code leaves out
-      some bones of its human body.
-    - Matrices are trained by Muon (`train`), as every network here, where the authors take Adam and clip gradients.
-    - Poses are relative to the root bone and lengths in units of the body, thresholds of the search included.
+    that the paper leaves open are those of its authors' code. `Snarf` lists what differs.
 
     References
     ----------
@@ -77,7 +63,7 @@ class SnarfField(Field):
        arXiv:2104.03953.
     """
 
-    knows_rest_images = True
+    has_canonical_points = True
 
     def __init__(
         self,
@@ -93,9 +79,9 @@ class SnarfField(Field):
         super().__init__()
         b, d = centers.shape
         self.encoding = ParameterEncoding(P, d)
-        self.occupancy = ToldNetwork(d, 1, width, depth, shared=self.encoding.size - d)
+        self.occupancy = ConditionedNetwork(d, 1, width, depth, shared=self.encoding.size - d)
         self.occupancy.start_round(RADIUS)
-        self.weight = ToldNetwork(d, b, weight_width, weight_depth)
+        self.weight = ConditionedNetwork(d, b, weight_width, weight_depth)
         self.iterations = iterations
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:
@@ -293,7 +279,7 @@ class PosedSnarf:
         exists = found.exists.any(dim=-1)
         nowhere = torch.full_like(x_rest, torch.nan)
         return Answer(
-            torch.where(exists, logit, OUTSIDE),
+            -torch.where(exists, logit, OUTSIDE),
             torch.full_like(logit, torch.nan),
             torch.where(exists[:, None], x_rest, nowhere),
         )
@@ -316,11 +302,6 @@ class SnarfBoneTerm:
         Of the occupancy loss, a cross-entropy; the weight loss, a mean square, has ten times that.
     points : int
         Of every bone, at each call.
-
-    Notes
-    -----
-    Differs from the paper: there both end with the first pass over the data, which a training of minutes hardly
-    completes; here they stay to the end.
     """
 
     def __init__(

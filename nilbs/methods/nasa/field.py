@@ -6,6 +6,7 @@ from torch import Tensor, nn
 
 from nilbs.fields.encoding import LocalEncoding
 from nilbs.fields.field import CACHED, Field
+from nilbs.fields.samples import RestSamples
 
 # Slope of a unit where it is negative, and how many numbers a part is told of the pose: as in the authors' code.
 LEAK = 0.1
@@ -25,20 +26,7 @@ class NasaField(Field):
     The root joint t_0 is the first joint of the root bone, moved by that bone. In the unit frame the root stays where
     it is, and so does t_0; the field is the same for a character that is moved as a whole.
 
-    Layers, residual connections and leaky units are those of the authors' code (tensorflow/graphics, projects/nasa).
-
-    Differs from the paper:
-
-    - The largest part is taken as it is, as in the paper; the authors' code by default takes a mean of the parts,
-      weighted by a softmax.
-    - A bone's frame is its rest frame moved to the bone's first joint; its axes are not turned along the bone. A first
-      layer can do that itself.
-    - The first layer begins with larger weights for the point, so that a few thousand steps are enough.
-    - A part's layers are 40 units wide for any number of parts, where the authors' code shares 960 units among them.
-    - What it is trained for is `OccupancyTerm` and `NasaWeightTerm`: occupancies are compared by cross-entropy, where
-      the paper compares them by squared difference, and the weight loss counts as it is, where the authors' code takes
-      half of it; that has one loss more, on the parts' size, that is not here.
-    - Matrices are trained by Muon (`train`), as every network here.
+    `nilbs.methods.nasa.Nasa` lists what differs from the paper.
 
     Parameters
     ----------
@@ -135,8 +123,8 @@ class NasaWeightTerm:
     ----------
     field : NasaField
         What is trained.
-    V, W : arrays
-        Vertices of the rest surface (n, d) and their skinning weights (n, b).
+    points : RestSamples
+        Vertices of the rest surface and their skinning weights.
     poses : (t, b, d+1, d+1) tensor
         Poses to draw from, rest to posed.
     poses_per_step, points_per_pose : int
@@ -148,8 +136,7 @@ class NasaWeightTerm:
     def __init__(
         self,
         field: NasaField,
-        V: np.ndarray,
-        W: np.ndarray,
+        points: RestSamples,
         poses: Tensor,
         *,
         poses_per_step: int,
@@ -158,7 +145,7 @@ class NasaWeightTerm:
     ) -> None:
         like = next(field.parameters())
         self.field, self.poses, self.factor = field, poses.to(like), factor
-        self.V, self.W = (torch.as_tensor(array).to(like) for array in (V, W))
+        self.V, self.W = (torch.as_tensor(array).to(like) for array in (points.x_rest, points.W))
         self.part = self.W.argmax(dim=1)
         self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
 

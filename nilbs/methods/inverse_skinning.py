@@ -1,0 +1,156 @@
+"""What nilbs and the paper's own recipe share: a weight network, rest grids, and the ways through them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+from nilbs.methods.base import TrainedMethod, setting
+
+if TYPE_CHECKING:
+    import numpy as np
+    from torch import Tensor
+
+    from nilbs.characters.character import Character
+    from nilbs.fields.field import Field, PosedField
+    from nilbs.fields.inverse_map import InverseField
+    from nilbs.fields.objective import Term
+    from nilbs.fields.samples import RestSamples
+    from nilbs.fields.scene import Scene
+    from nilbs.fields.search import SearchField
+    from nilbs.fields.weight_term import WeightTerm
+
+MAPPINGS = {
+    "search": "a root search on the forward weights, from the network's answer and from every part that lies there",
+    "parts": "the root search from every part that lies there, without the network",
+    "one-search": "the root search from the network's answer alone",
+    "all-bones": "the root search from every bone's rigid inverse, as in SNARF, without the network",
+    "fixed-point": "eq. 5 iterated from the network's answer: x_rest <- [W(x_rest) B]^-1 x",
+    "inverse": "the network's inverse map (eq. 6), with the ghost bone (eq. 8)",
+    "reverse": "the blend of the bones' inverses, sum_b W_b B_b^-1 x, with the ghost bone",
+}
+# The most nodes of a grid that anyone can have meant.
+MOST_CELLS, MOST_WEIGHT_CELLS = 2**30, 2**27
+
+
+@dataclass(frozen=True)
+class InverseSkinning(TrainedMethod):
+    """A field that finds the canonical point of a posed point, and reads distance there from a cache."""
+
+    mappings: ClassVar[Mapping[str, str]] = MAPPINGS
+
+    mapping: str = setting("search", "way to the canonical point; training does not depend on it", choices=MAPPINGS)
+    encoding: str = setting(
+        "local",
+        "network input: the point in every bone's local coordinates, for any rig, or the point and pose parameters",
+        choices=("local", "parameters"),
+    )
+    ghost: bool = setting(True, "whether the network has a ghost bone (eq. 8)")
+    forward: str = setting(
+        "grid", "rest weights of the forward map (eq. 4): a grid, or a second network", choices=("grid", "network")
+    )
+    weight_loss: float = setting(1.0, "factor of the cross-entropy of the network's weights")
+    cache_resolution: int | None = setting(
+        None,
+        "cells of the rest cache along its longest edge, at the skin (default: 512 in space, 2048 in the plane)",
+        least=1,
+    )
+    weight_resolution: int | None = setting(
+        None, "cells of the rest weights along the longest edge (default: 128 in space, 256 in the plane)", least=1
+    )
+    cache_width: float = setting(0.003, "width of the step by which occupancy is read from distance", least=1e-6)
+
+    def resolved(self, character: "Character") -> Self:
+        """With steps, and grids as fine as fits the dimension.
+
+        Raises
+        ------
+        ValueError
+            If a grid would not fit into memory.
+        """
+        d = character.d
+        for name, most in (("cache_resolution", MOST_CELLS), ("weight_resolution", MOST_WEIGHT_CELLS)):
+            if (cells := getattr(self, name) or 0) ** d > most:
+                raise ValueError(f"{name} must be at most {int(most ** (1 / d))} in {d} dimensions, got {cells}")
+        return replace(
+            super().resolved(character),
+            cache_resolution=self.cache_resolution or {2: 2048, 3: 512}[d],
+            weight_resolution=self.weight_resolution or {2: 256, 3: 128}[d],
+        )
+
+    def field(self, character: "Character") -> "SearchField":
+        """An untrained field; its grids of the rest pose are computed here."""
+        from nilbs.fields.rest_state import rest_state
+
+        assert self.cache_resolution is not None
+        assert self.weight_resolution is not None
+        rest = rest_state(
+            character, cache_cells=self.cache_resolution, weight_cells=self.weight_resolution, seed=self.seed
+        )
+        return self._around(character, rest.arrays, rest.spacing)
+
+    def terms(self, field: "Field", scene: "Scene") -> "list[Term]":
+        """Losses of the weights at canonical points, and of the second network where there is one."""
+        from nilbs.fields.search import SearchField
+        from nilbs.fields.weight_term import ForwardWeightTerm
+
+        assert isinstance(field, SearchField)
+        points = self.supervised_points(scene)
+        term = self.weight_term(field.inverse, points, scene)
+        if term is None and not self.occupancy_loss:
+            raise ValueError("every loss of the weight network is off: there is nothing to train for")
+        terms: list[Term] = [] if term is None else [term]
+        if field.forward_network is not None:
+            count = self.poses_per_step * self.points_per_pose
+            terms.append(ForwardWeightTerm(field.forward_network, points, points=count))
+        return terms
+
+    def supervised_points(self, scene: "Scene") -> "RestSamples":
+        """Canonical points whose weights are given to the network."""
+        raise NotImplementedError
+
+    def weight_term(self, field: "InverseField", points: "RestSamples", scene: "Scene") -> "WeightTerm | None":
+        """The loss of the weights there; None if it is off."""
+        raise NotImplementedError
+
+    def posed(self, field: "Field", B: "Tensor", mapping: str | None = None, *, ghost: bool = True) -> "PosedField":
+        """A field of this method in a pose, by one of its mappings."""
+        from nilbs.fields.search import SearchField
+
+        assert isinstance(field, SearchField)
+        self.check_mapping(mapping)
+        return field.posed(B, mapping or self.mapping, ghost=ghost)
+
+    def header(self, field: "Field") -> dict[str, Any]:
+        """Edges of the grids' cells."""
+        from nilbs.fields.rest_state import spacing_of
+        from nilbs.fields.search import SearchField
+
+        assert isinstance(field, SearchField)
+        return {"spacing": spacing_of(field)}
+
+    def restored(
+        self, character: "Character", state: "Mapping[str, np.ndarray]", header: Mapping[str, Any]
+    ) -> "SearchField":
+        """As `TrainedMethod.restored`; the grids are those of the file."""
+        from nilbs.fields.rest_state import check_rest_state, checked_spacing
+
+        self.check_layers(state)
+        check_rest_state(state, character)
+        return self._around(character, state, checked_spacing(header["spacing"]))
+
+    def _around(
+        self, character: "Character", grids: "Mapping[str, np.ndarray]", spacing: Mapping[str, float]
+    ) -> "SearchField":
+        from nilbs.fields.rest_state import search_field
+
+        return search_field(
+            character,
+            grids,
+            spacing,
+            cache_width=self.cache_width,
+            encoding=self.encoding,
+            ghost=self.ghost,
+            width=self.width,
+            depth=self.depth,
+            forward_network=self.forward == "network",
+        )
