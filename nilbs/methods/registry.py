@@ -79,4 +79,6 @@ def of_version_5(values: Mapping[str, Any]) -> Method:
     known = {s.name: s for s in kind.settings()}
     # A zero stood for the default where that depends on the character; of methods without training it was the rule.
     kept = {key: value for key, value in values.items() if key in known and not (value == 0 and known[key].least > 0)}
+    if name == "paper":
+        kept["noise"] = 0.0  # its points were uniform, whatever the setting
     return kind.from_settings(kept)

@@ -294,8 +294,8 @@ class Model:
         Returns
         -------
         answer : Answer
-            In mesh units. Derivatives are of first order; those of a root follow from the implicit function theorem, not
-            through the iterations of its search. Answers of the methods nearest, rigid-parts and mesh-lbs have none.
+            In mesh units. Derivatives are of first order; those of a root follow from the implicit function theorem.
+            The methods nearest, rigid-parts and mesh-lbs have none.
 
         Raises
         ------

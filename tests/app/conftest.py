@@ -1,14 +1,13 @@
 """A bar of two bones, flat and solid, as files; and a model of it that was hardly trained."""
 
-import functools
 import json
 
 import numpy as np
 import pytest
-from nilbs.methods.settings import Settings
 
 from nilbs.app.main import main
 from nilbs.io import write_mesh, write_tgf, write_weights
+from nilbs.methods.registry import method_of
 
 QUICK = {"cache_resolution": 16, "samples_per_frame": 100, "points_per_pose": 32, "poses_per_step": 2, "width": 8}
 
@@ -76,15 +75,31 @@ def assets(tmp_path_factory):
 
 @pytest.fixture
 def quick_settings(monkeypatch):
-    """Let the command train on grids and batches that take no time."""
-    monkeypatch.setattr("nilbs.app.commands.train.Settings", functools.partial(Settings, **QUICK))
+    """Let every training use grids and batches that take no time."""
+    patch_methods(monkeypatch, QUICK)
 
 
 @pytest.fixture
 def quick_training(monkeypatch):
     """The same, with only a step or two."""
-    for module in ("nilbs.models.fitting", "nilbs.app.commands.train"):
-        monkeypatch.setattr(f"{module}.Settings", functools.partial(Settings, steps=2, **QUICK))
+    patch_methods(monkeypatch, QUICK | {"steps": 2})
+
+
+def patch_methods(monkeypatch, sizes):
+    """Give methods other defaults, as far as they have them."""
+
+    def quick(method, **settings):
+        chosen = method_of(method, **settings)
+        return method_of(
+            chosen,
+            **{
+                s.name: sizes[s.name]
+                for s in chosen.settings()
+                if s.name in sizes and getattr(chosen, s.name) == s.default
+            },
+        )
+
+    monkeypatch.setattr("nilbs.models.fitting.method_of", quick)
 
 
 @pytest.fixture

@@ -101,21 +101,14 @@ def test_weights_as_a_table(assets, nilbs):
         ),
         (["train", "bar2.obj", "bar.tgf", "--motion", "bar2.obj", "-o", "out/m.nilbs"], "the file name must end in"),
         (
-            ["train", "bar2.obj", "bar.tgf", "--set", "colour=red", "-o", "out/m.nilbs"],
-            "--set colour=red: the settings",
-        ),
-        (["train", "bar2.obj", "bar.tgf", "--set", "seed=3", "-o", "out/m.nilbs"], "--set seed=3: the settings are"),
-        (
-            ["train", "bar2.obj", "bar.tgf", "--method", "nasa", "--set", "mapping=inverse", "-o", "out/m.nilbs"],
-            "--set mapping=inverse: the method nasa has no mapping",
+            ["train", "bar2.obj", "bar.tgf", "--method", "nasa", "--mapping", "inverse", "-o", "out/m.nilbs"],
+            "--mapping: the method nasa",
         ),
         (
-            ["train", "bar2.obj", "bar.tgf", "--method", "nearest", "--set", "width=8", "-o", "out/m.nilbs"],
-            "--set width=8: the method nearest learns nothing",
+            ["train", "bar2.obj", "bar.tgf", "--method", "nearest", "--width", "8", "-o", "out/m.nilbs"],
+            "--width: the method nearest",
         ),
-        (["train", "bar2.obj", "bar.tgf", "--set", "ghost", "-o", "out/m.nilbs"], "--set ghost: ghost must be of type"),
-        (["train", "bar2.obj", "bar.tgf", "--set", "width=x", "-o", "out/m.nilbs"], "width must be of type int, such"),
-        (["train", "bar2.obj", "bar.tgf", "--set", "noise=-1", "-o", "out/m.nilbs"], "noise must lie between 0 and"),
+        (["train", "bar2.obj", "bar.tgf", "--noise", "-1", "-o", "out/m.nilbs"], "noise must lie between 0 and"),
         (["query", "bar2.nilbs", "x3.npy", "--frame", "0", "-o", "out/v.npy"], "x3.npy: points must be (n, 2)"),
         (
             ["query", "bar2.nilbs", "x2.npy", "--frame", "3", "-o", "out/v.npy"],
@@ -186,24 +179,24 @@ def test_train(assets, succeeds, nilbs, out, d, quick_training):
 def test_train_as_in_the_paper(assets, succeeds, out, d, quick_training):
     files = (assets / f"bar{d}.obj", assets / "bar.tgf", "--weights", assets / f"bar{d}-weights.npz", "--frames", 2)
     losses = {}
-    for supervision in ("paper", "volume"):
-        path = out / f"{supervision}.nilbs"
-        values = succeeds("train", *files, "--supervision", supervision, "--steps", 3, "-o", path)
+    for method in ("paper", "nilbs"):
+        path = out / f"{method}.nilbs"
+        values = succeeds("train", *files, "--method", method, "--steps", 3, "-o", path)
         model = load_model(path)
-        assert model.settings.supervision == supervision
+        assert model.method.name == method
         assert values["steps"] == len(model.history) == 3
-        losses[supervision] = values["loss"]
-    assert losses["paper"] != losses["volume"]
+        losses[method] = values["loss"]
+    assert losses["paper"] != losses["nilbs"]
 
 
 @pytest.mark.parametrize("method", ["nasa", "snarf", "mlp", "nearest"])
-def test_rivals_are_trained_scored_and_extracted_as_the_method_is(assets, succeeds, out, d, method, quick_training):
-    path = out / "rival.nilbs"
+def test_baselines_are_trained_scored_and_extracted_as_the_method_is(assets, succeeds, out, d, method, quick_training):
+    path = out / "baseline.nilbs"
     files = (assets / f"bar{d}.obj", assets / "bar.tgf", "--weights", assets / f"bar{d}-weights.npz")
     values = succeeds("train", *files, "--frames", 3, "--method", method, "-o", path)
     assert values["method"] == method
     assert values["steps"] == (0 if method == "nearest" else 2)
-    assert load_model(path).settings.method == method
+    assert load_model(path).method.name == method
     scores = succeeds("evaluate", path, "--points", 50, "--resolution", 8, "--rows", "nearest", "rigid-parts")
     assert set(scores["rows"]) == {"nearest", "rigid-parts"}
     assert scores["training"]["method"] == method
@@ -215,12 +208,12 @@ def test_rivals_are_trained_scored_and_extracted_as_the_method_is(assets, succee
 
 def test_train_takes_any_setting_and_a_time(assets, succeeds, out, quick_settings):
     files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--frames", 2)
-    chosen = ("--set", "ghost=false", "--set", "encoding=parameters", "--set", "random_pose_std=0", "--set", "width=12")
+    chosen = ("--no-ghost", "--encoding", "parameters", "--random-pose-std", 0, "--width", 12)
     values = succeeds("train", *files, *chosen, "--minutes", 0.005, "-o", out / "m.nilbs")
-    settings = load_model(out / "m.nilbs").settings
-    assert (settings.ghost, settings.encoding, settings.random_pose_std) == (False, "parameters", 0)
-    assert settings.width == 12
-    assert settings.steps == values["steps"] > 0
+    method = load_model(out / "m.nilbs").method
+    assert (method.ghost, method.encoding, method.random_pose_std) == (False, "parameters", 0)
+    assert method.width == 12
+    assert method.steps == values["steps"] > 0
 
 
 def test_train_for_nothing_is_refused(assets, nilbs, out, quick_training):

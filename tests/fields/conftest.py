@@ -7,7 +7,8 @@ import pytest
 
 if TYPE_CHECKING:
     import torch
-    from nilbs.fields.nilbs import NilbsField
+
+    from nilbs.fields.inverse_map import InverseField
 
 
 class Chain:
@@ -18,19 +19,19 @@ class Chain:
     def joints(self, d: int) -> np.ndarray:
         return np.array([[0, 0, 0], [0.5, 0, 0], [1, 0.2, 0.1]])[:, :d]
 
-    def field(self, d: int) -> "NilbsField":
+    def field(self, d: int) -> "InverseField":
         """A field that was never trained, of a distance that grows along the axes."""
         import torch
-        from nilbs.fields.nilbs import NilbsField
 
         from nilbs.fields.cache import RestCache
         from nilbs.fields.encoding import LocalEncoding
+        from nilbs.fields.inverse_map import InverseField
         from nilbs.fields.network import WeightNetwork
 
         torch.manual_seed(0)
         cache = RestCache.of_grid(torch.linspace(-1, 1, 4**d).reshape((4,) * d), torch.full((d,), -1.0), 0.7, width=0.1)
         network = WeightNetwork(LocalEncoding(torch.as_tensor(self.joints(d)[:2])), 2, width=8, depth=3)
-        return NilbsField(network, cache, root=0).double()
+        return InverseField(network, cache, root=0).double()
 
     def motion(self, d: int, frames: int) -> "torch.Tensor":
         """Random poses (frames, 2, d+1, d+1)."""

@@ -29,7 +29,7 @@ def objective(*, seed: int = 11, others: tuple = ()) -> tuple[Scale, Objective]:
     rng = np.random.default_rng(4)
     field, poses = Scale(), torch.eye(3).expand(3, 2, 3, 3)
     labelled = OccupancySamples(rng.normal(size=(3, 20, 2)).astype(np.float32), rng.random((3, 20)) < 0.5)
-    term = OccupancyTerm(field.logit, poses, labelled, poses_per_step=4, points_per_pose=6)
+    term = OccupancyTerm(field.logit, poses, labelled, poses_per_step=4, points_per_pose=6, adaptive=True)
     return field, Objective(term, *others, seed=seed)
 
 

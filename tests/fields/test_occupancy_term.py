@@ -3,31 +3,31 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
-from nilbs.fields.nilbs import NilbsField
 
 from nilbs.fields import occupancy_term
+from nilbs.fields.inverse_map import InverseField
 from nilbs.fields.occupancy_term import LOOKS, OccupancyTerm
 from nilbs.fields.samples import OccupancySamples
 
 
 @pytest.fixture
-def term(chain) -> Callable[..., tuple[NilbsField, OccupancyTerm]]:
+def term(chain) -> Callable[..., tuple[InverseField, OccupancyTerm]]:
     """A field, and its occupancy loss on a few labelled points."""
 
-    def made(d: int, *, frames: int = 3, points: int = 20, **changes) -> tuple[NilbsField, OccupancyTerm]:
+    def made(d: int, *, frames: int = 3, points: int = 20, **changes) -> tuple[InverseField, OccupancyTerm]:
         rng = np.random.default_rng(4)
         x, inside = rng.normal(size=(frames, points, d)).astype(np.float32), rng.random((frames, points)) < 0.5
         nilbs = chain.field(d)
-        options = {"poses_per_step": 4, "points_per_pose": 6} | changes
+        options = {"poses_per_step": 4, "points_per_pose": 6, "adaptive": True} | changes
         return nilbs, OccupancyTerm(nilbs.logit, chain.motion(d, frames), OccupancySamples(x, inside), **options)
 
     return made
 
 
-def occupancy(nilbs: NilbsField, loss: OccupancyTerm) -> torch.Tensor:
+def occupancy(nilbs: InverseField, loss: OccupancyTerm) -> torch.Tensor:
     """Occupancy of all labelled points by eq. 8."""
-    values = nilbs(loss.x, loss.poses)
-    return (1 - values.weights[..., -1]) * torch.sigmoid(-values.distance / nilbs.cache.width)
+    x, B = loss.x, loss.poses
+    return (1 - nilbs.weights(x, B)[..., -1]) * nilbs.cache.occupancy(nilbs.canonical_points(x, B))
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -1,18 +1,20 @@
 """Root search on bodies whose every rest image is known: a rod that is bent until it lies on itself."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 import torch
-from nilbs.fields.nilbs import NilbsField
 
 from nilbs.fields.cache import RestCache
 from nilbs.fields.encoding import LocalEncoding
 from nilbs.fields.fixed_point import fixed_point
 from nilbs.fields.forward import ForwardField, packed_weights
+from nilbs.fields.inverse_map import InverseField
 from nilbs.fields.network import WeightNetwork
 from nilbs.fields.newton import newton
 from nilbs.fields.overlap import APART, NEAR, Overlap
-from nilbs.fields.search import Found, SearchField
+from nilbs.fields.search import ITERATIONS, SEARCHES, Found, Search, SearchField
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
 
@@ -46,7 +48,7 @@ def rod(d: int) -> SearchField:
     centers = torch.zeros((2, d))
     centers[0, 0] = -HALF
     network = WeightNetwork(LocalEncoding(centers), 2, width=8, depth=2)
-    return SearchField(NilbsField(network, cache, root=0), forward).double()
+    return SearchField(InverseField(network, cache, root=0), forward).double()
 
 
 def bent(d: int, angle: float) -> torch.Tensor:
@@ -84,10 +86,10 @@ def test_posed_points_of_the_rod_are_found_inside(d: int, angle: float, rng: np.
     x = torch.as_tensor(posed(x_rest, B))
     with torch.no_grad():
         answer = field.posed(B)(x)
-    np.testing.assert_array_equal(answer.logit.numpy()[far] > 0, inside[far])
+    np.testing.assert_array_equal(answer.level.numpy()[far] < 0, inside[far])
     np.testing.assert_allclose(answer.x_rest.numpy()[far & inside], x_rest[far & inside], atol=1.5e-3)
-    assert (answer.logit.numpy() > 0)[inside].mean() > 0.99
-    assert (answer.distance < 0).eq(answer.logit > 0).all()
+    assert (answer.level.numpy() < 0)[inside].mean() > 0.99
+    assert (answer.distance < 0).eq(answer.level < 0).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -99,7 +101,7 @@ def test_of_a_body_on_itself_one_image_inside_is_enough(d: int, rng: np.random.G
     with torch.no_grad():
         ask = field.posed(B)
         answer = ask(torch.as_tensor(posed(x_rest, B)))
-    assert (answer.logit > 0).all()
+    assert (answer.level < 0).all()
     assert ask.queries == len(x_rest)
     assert ask.evaluations < 20 * len(x_rest)
     # What is called an image is one.
@@ -115,7 +117,7 @@ def test_nothing_far_away_is_inside(d: int, rng: np.random.Generator) -> None:
     with torch.no_grad():
         answer = field.posed(B)(x)
     assert (answer.distance > 0.1).all()
-    assert (answer.logit < 0).all()
+    assert (answer.level > 0).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -269,7 +271,7 @@ def test_one_search_alone_misses_what_all_bones_find(d: int, rng: np.random.Gene
     with torch.no_grad():
         for mapping in ("search", "parts", "one-search", "all-bones"):
             ask = field.posed(B, mapping)
-            found[mapping] = (ask(x).logit > 0).double().mean()
+            found[mapping] = (ask(x).level < 0).double().mean()
             asked[mapping] = ask.evaluations / ask.queries
     assert found["search"] == found["parts"] == found["all-bones"] == 1
     assert found["one-search"] < 0.99
@@ -286,7 +288,7 @@ def test_a_search_from_all_bones_begins_at_every_rigid_image(d: int, rng: np.ran
         starts.append(start.clone())
         return newton(x, start, *args, **options)
 
-    monkeypatch.setattr("nilbs.fields.search.newton", spied)
+    monkeypatch.setitem(SEARCHES, "all-bones", Search(bones=True, iterate=partial(spied, iterations=ITERATIONS)))
     with torch.no_grad():
         field.posed(B, "all-bones")(x)
     assert len(starts) == 2
@@ -321,8 +323,8 @@ def test_the_answers_of_the_fixed_point_count_their_look_ups(d: int, rng: np.ran
     with torch.no_grad():
         answer = ask(torch.as_tensor(posed(points(d, 300, rng), B)))
     assert ask.evaluations == 22 * 300  # the network once, 20 steps, and where they end
-    assert answer.logit.shape == (300,)
-    assert (answer.distance < 0).eq(answer.logit > 0).all()
+    assert answer.level.shape == (300,)
+    assert (answer.distance < 0).eq(answer.level < 0).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -340,4 +342,4 @@ def test_without_a_root_a_point_is_outside_as_far_as_the_nearest_image_misses(d:
     with torch.no_grad():
         answer = ask(inner)
     torch.testing.assert_close(answer.distance, torch.full_like(answer.distance, 0.3))
-    assert (answer.logit < 0).all()
+    assert (answer.level > 0).all()

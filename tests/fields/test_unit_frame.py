@@ -1,13 +1,18 @@
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.unit_frame import at_rest, in_unit_frame, rest_center, root_bone, unit_frame
+from nilbs.fields.unit_frame import UnitFrame, at_rest, rest_center, root_bone
 from nilbs.geometry.rotations import rigid_transforms
 from nilbs.geometry.skinning import linear_blend_skinning
+
+
+def in_unit_frame(c, x: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    frame = UnitFrame(c, torch.as_tensor(B))
+    return frame.points(torch.as_tensor(x)).numpy(), frame.B.numpy()
+
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 
@@ -49,7 +54,20 @@ def test_posing_in_the_unit_frame_is_posing_in_the_world(d: int, characters, rig
 def test_points_and_poses_in_the_unit_frame_have_derivatives(d: int, characters, rigid, rng) -> None:
     c = characters[d]
     x, B = torch.as_tensor(rng.normal(size=(3, d))), torch.as_tensor(np.stack([rigid(d) for _ in c.skeleton.BE]))
-    assert torch.autograd.gradcheck(partial(unit_frame, c), (x.requires_grad_(), B.requires_grad_()))
+
+    def unit(x: torch.Tensor, B: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        frame = UnitFrame(c, B)
+        return frame.points(x), frame.B, frame.points_back(x), frame.turn_back
+
+    assert torch.autograd.gradcheck(unit, (x.requires_grad_(), B.requires_grad_()))
+
+
+@DIMENSIONS
+def test_points_go_to_the_unit_frame_and_back(d: int, characters, rigid, rng) -> None:
+    c = characters[d]
+    x, B = torch.as_tensor(rng.normal(size=(9, d))), torch.as_tensor(np.stack([rigid(d) for _ in c.skeleton.BE]))
+    frame = UnitFrame(c, B)
+    torch.testing.assert_close(frame.points_back(frame.points(x)), x)
 
 
 def test_the_root_is_the_first_bone_without_a_parent(characters) -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
-from nilbs.methods.settings import Settings
 
 from nilbs.characters.character import Character
 from nilbs.characters.gingerbread import gingerbread
@@ -15,6 +14,8 @@ from nilbs.figures.training import running_median
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.winding import occupancy
+from nilbs.methods.nearest import Nearest
+from nilbs.methods.nilbs import Nilbs
 
 NAMES = ["notation.png", "weights.png", "ghost.png", "training.png", "reconstruction.png"]
 
@@ -40,7 +41,7 @@ class Truth:
         self.character = two_bones(d)
         self.motion = random_motion(self.character, frames=4, seed=1)
         self.history = np.exp(-np.arange(200) / 50)
-        self.settings = Settings()
+        self.method = Nilbs()
 
     def posed(self, pose: np.ndarray) -> np.ndarray:
         return linear_blend_skinning(self.character.V, self.character.W, pose)
@@ -85,9 +86,9 @@ def test_all_figures_are_written_in_order(d, tmp_path):
 
 
 def test_what_a_method_has_not_is_not_drawn(tmp_path):
-    rival = Truth(2)
-    rival.settings, rival.history = Settings(method="nearest"), np.zeros(0)
-    paths = write_figures(rival, tmp_path, resolution=16)
+    baseline = Truth(2)
+    baseline.method, baseline.history = Nearest(), np.zeros(0)
+    paths = write_figures(baseline, tmp_path, resolution=16)
     assert [path.name for path in paths] == ["notation.png", "reconstruction.png"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["notation.png", "reconstruction.png"]
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.array_field import WIDTH
+from nilbs.fields.array_field import WIDTH, ArrayField
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.facets import is_watertight
@@ -21,7 +21,7 @@ def bent(c, rng: np.random.Generator) -> np.ndarray:
 
 
 def ask(c, B: np.ndarray, x: np.ndarray):
-    return NearestVertex(c.V, c.F, c.W).posed(torch.as_tensor(B))(torch.as_tensor(x))
+    return ArrayField(NearestVertex(c.V, c.F, c.W)).posed(torch.as_tensor(B))(torch.as_tensor(x))
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -33,7 +33,8 @@ def test_a_rigid_motion_is_undone(d: int, characters, rng: np.random.Generator) 
     answer = ask(c, B, transform_points(world, x_rest))
     np.testing.assert_allclose(answer.x_rest, x_rest, atol=1e-9)
     np.testing.assert_allclose(answer.distance, signed_distance(c.V, c.F, x_rest), atol=1e-9)
-    np.testing.assert_allclose(answer.logit, -answer.distance / WIDTH)
+    np.testing.assert_array_equal(answer.level, answer.distance)
+    assert answer.width == WIDTH
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -58,7 +59,7 @@ def test_vertices_go_back_to_themselves_and_a_bent_body_is_about_right(d: int, c
     back = np.linalg.norm(ask(c, B, U).x_rest.numpy() - c.V, axis=1)
     assert np.quantile(back, 0.99) < 1e-9 * c.L
     x = rng.uniform(U.min(axis=0), U.max(axis=0), (3000, d))
-    assert ((ask(c, B, x).logit > 0).numpy() == occupancy(U, c.F, x)).mean() > 0.97
+    assert ((ask(c, B, x).level < 0).numpy() == occupancy(U, c.F, x)).mean() > 0.97
 
     def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         distance = ask(c, B, x).distance.numpy()
@@ -78,9 +79,9 @@ def test_a_blend_without_an_inverse_is_surely_outside(d: int, characters) -> Non
 
 def test_answers_have_the_type_of_the_module(characters) -> None:
     c = characters[3]
-    posed = NearestVertex(c.V, c.F, c.W).float().posed(torch.eye(4).expand(len(c.skeleton.BE), 4, 4))
+    posed = ArrayField(NearestVertex(c.V, c.F, c.W)).float().posed(torch.eye(4).expand(len(c.skeleton.BE), 4, 4))
     answer = posed(torch.as_tensor(c.V).float())
-    assert answer.logit.dtype == answer.distance.dtype == answer.x_rest.dtype == torch.float32
+    assert answer.level.dtype == answer.distance.dtype == answer.x_rest.dtype == torch.float32
     empty = posed(torch.zeros((0, 3)))
-    assert empty.logit.shape == (0,)
+    assert empty.level.shape == (0,)
     assert empty.x_rest.shape == (0, 3)

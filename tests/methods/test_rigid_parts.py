@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.array_field import WIDTH
+from nilbs.fields.array_field import WIDTH, ArrayField
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import node_levels
 from nilbs.geometry.grids import Grid
@@ -10,11 +10,11 @@ from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.winding import occupancy
-from nilbs.methods.rigid_parts import RigidParts
+from nilbs.methods.rigid_parts import RigidPieces
 
 
-def rigid(c) -> RigidParts:
-    return RigidParts(c.V, c.F, c.W, c.V_volume, c.W_volume)
+def rigid(c) -> ArrayField:
+    return ArrayField(RigidPieces(c.V, c.F, c.W, c.V_volume, c.W_volume))
 
 
 def bent(c, rng: np.random.Generator, std: float = 0.6) -> np.ndarray:
@@ -51,13 +51,14 @@ def test_it_equals_the_union_written_out(d: int, characters, rng: np.random.Gene
     level = np.where(own, distance, np.inf).min(axis=0)
     inside = level < 0
     assert 30 < inside.sum() < 270
-    np.testing.assert_array_equal(answer.logit > 0, inside)
+    np.testing.assert_array_equal(answer.level < 0, inside)
     np.testing.assert_allclose(answer.distance[inside], level[inside], atol=1e-12)
     deepest = np.where(own, distance, np.inf).argmin(axis=0)
     chosen = images[deepest, np.arange(len(x))]
     np.testing.assert_allclose(answer.x_rest[inside], chosen[inside], atol=1e-12)
     assert (answer.distance[~inside] > 0).all()
-    np.testing.assert_allclose(answer.logit, -answer.distance / WIDTH)
+    np.testing.assert_array_equal(answer.level, answer.distance)
+    assert answer.width == WIDTH
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -84,7 +85,7 @@ def test_at_rest_it_is_the_rest_shape(d: int, characters, rng: np.random.Generat
     answer = rigid(c).posed(torch.as_tensor(B))(torch.as_tensor(transform_points(world, x_rest)))
     true = signed_distance(c.V, c.F, x_rest)
     inside = true < 0
-    np.testing.assert_array_equal(answer.logit > 0, inside)
+    np.testing.assert_array_equal(answer.level < 0, inside)
     np.testing.assert_allclose(answer.x_rest[inside], x_rest[inside], atol=1e-9)
     np.testing.assert_allclose(answer.distance[inside], true[inside], atol=1e-9)
     assert (answer.distance.numpy()[~inside] <= true[~inside] + 1e-5).all()
@@ -117,7 +118,7 @@ def test_two_parts_that_turn_apart_keep_their_shape() -> None:
     F = np.stack([np.arange(80), np.roll(np.arange(80), -1)], axis=1)
     W = np.stack([V[:, 0] < 0, V[:, 0] >= 0], axis=1).astype(float)
     turn = rigid_transforms(rotation_matrices(np.array([np.pi / 2])), np.zeros(2))
-    field = RigidParts(V, F, W, np.zeros((0, 2)), np.zeros((0, 2)))
+    field = ArrayField(RigidPieces(V, F, W, np.zeros((0, 2)), np.zeros((0, 2))))
     posed = field.posed(torch.as_tensor(np.stack([np.eye(3), turn])))
     x = torch.tensor([[-0.5, 0.0], [0.0, 0.5], [0.5, 0.0], [0.0, -0.5]], dtype=torch.float64)
     answer = posed(x)
@@ -136,8 +137,8 @@ def test_a_bone_that_flattens_space_holds_nothing(d: int, characters, rng: np.ra
     own = c.W_volume.argmax(axis=1) == len(B) - 1
     inner = signed_distance(c.V, c.F, c.V_volume) < -1e-9
     assert (own & inner).any()
-    assert (answer.logit.numpy()[own & inner] < 0).all()
-    assert (answer.logit.numpy()[~own & inner] > 0).all()
+    assert (answer.level.numpy()[own & inner] > 0).all()
+    assert (answer.level.numpy()[~own & inner] < 0).all()
     B[:, :d, :d] = 0
     assert (rigid(c).posed(torch.as_tensor(B))(x).distance > 5).all()
 
@@ -146,9 +147,9 @@ def test_types_and_no_points(characters) -> None:
     c = characters[3]
     posed = rigid(c).float().posed(torch.eye(4).expand(len(c.skeleton.BE), 4, 4))
     answer = posed(torch.as_tensor(c.V_volume).float())
-    assert answer.logit.dtype == answer.distance.dtype == answer.x_rest.dtype == torch.float32
+    assert answer.level.dtype == answer.distance.dtype == answer.x_rest.dtype == torch.float32
     inner = signed_distance(c.V, c.F, c.V_volume) < -1e-4
-    np.testing.assert_array_equal(answer.logit.numpy()[inner] > 0, occupancy(c.V, c.F, c.V_volume[inner]))
+    np.testing.assert_array_equal(answer.level.numpy()[inner] < 0, occupancy(c.V, c.F, c.V_volume[inner]))
     empty = posed(torch.zeros((0, 3)))
-    assert empty.logit.shape == (0,)
+    assert empty.level.shape == (0,)
     assert empty.x_rest.shape == (0, 3)

@@ -25,7 +25,7 @@ def test_answers_have_their_shapes_and_ranges(d: int, models, queries) -> None:
     # Occupancy by eq. 7 and 8, from the other answers.
     x_rest = (model.rest_points(x, pose, mapping="inverse") - rest_center(model.character)) / model.character.L
     cached = model.field.inverse.cache.distance(torch.as_tensor(x_rest, dtype=torch.float32)).numpy()
-    inside = 1 / (1 + np.exp(np.clip(cached / model.settings.cache_width, -50, 50)))
+    inside = 1 / (1 + np.exp(np.clip(cached / model.method.cache_width, -50, 50)))
     np.testing.assert_allclose(model.occupancy(x, pose, mapping="inverse", ghost=False), inside, atol=1e-4)
     np.testing.assert_allclose(occupancy, (1 - W[:, -1]) * inside, atol=1e-4)
     # Distance is the cached one, but for points inside that the ghost bone rules out.
@@ -86,7 +86,7 @@ def test_tensors_are_answered_as_arrays_are(d: int, models, queries) -> None:
         np.testing.assert_allclose(
             answer.x_rest.numpy(force=True), model.rest_points(x, pose, mapping=mapping), atol=1e-4
         )
-        occupancy = torch.sigmoid(answer.logit).numpy(force=True)
+        occupancy = answer.occupancy.numpy(force=True)
         np.testing.assert_allclose(occupancy, model.occupancy(x, pose, mapping=mapping), atol=1e-3)
 
 

@@ -139,6 +139,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: c.update({"field.forward_field.bone": c["history"]}), "32-bit"),
         (lambda c, t: t.update(bones=["a"]), "names must be"),
         (lambda c, t: t["settings"].update(steps="many"), "steps must be of type int"),
+        (lambda c, t: t.update(method="magic"), "no method 'magic'"),
         (lambda c, t: t["settings"].pop("steps"), "settings are"),
         (
             lambda c, t: (

@@ -1,16 +1,18 @@
 import numpy as np
 import pytest
 import torch
-from nilbs.methods.pose_mlp import PoseMlp
 
+from nilbs.fields.encoding import ParameterEncoding
+from nilbs.fields.network import EncodedNetwork, NetworkField
 from nilbs.geometry.kinematics import forward_kinematics
 
 BE, P = np.array([[0, 1], [1, 2], [1, 3]]), np.array([-1, 0, 0])
 
 
-def field(d: int, **options: int) -> PoseMlp:
+def field(d: int, **options: int) -> NetworkField:
     torch.manual_seed(3)
-    return PoseMlp(torch.as_tensor(P), d, **({"width": 8, "depth": 3} | options)).double()
+    sizes = {"width": 8, "depth": 3} | options
+    return NetworkField(EncodedNetwork(ParameterEncoding(torch.as_tensor(P), d), 1, **sizes)).double()
 
 
 def poses(d: int, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -42,17 +44,17 @@ def test_folding_equals_the_network_written_out(d: int, depth: int, rng: np.rand
 def test_in_a_pose_it_answers_with_the_logit_alone(d: int, rng: np.random.Generator) -> None:
     net, x, B = field(d), torch.as_tensor(rng.normal(size=(5, d))), torch.as_tensor(poses(d, 1, rng)[1])
     answer = net.posed(B[0])(x)
-    torch.testing.assert_close(answer.logit, net.logit(x[None], B)[0])
+    torch.testing.assert_close(-answer.level, net.logit(x[None], B)[0])
     assert answer.distance.isnan().all()
     assert answer.x_rest.isnan().all()
-    assert net.posed(B[0])(x[:0]).logit.shape == (0,)
+    assert net.posed(B[0])(x[:0]).level.shape == (0,)
 
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_derivatives_by_points_and_parameters(d: int, rng: np.random.Generator) -> None:
     net, B = field(d), torch.as_tensor(poses(d, 2, rng)[1])
     x = torch.as_tensor(rng.normal(size=(2, 3, d))).requires_grad_()
-    # The parameters are changed in place, so the field need not be told of them.
+    # The parameters are changed in place, so they need not be passed to the field.
     assert torch.autograd.gradcheck(lambda x, *parameters: net.logit(x, B), (x, *net.parameters()))
 
 

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 import torch
 
+from nilbs.fields.samples import RestSamples
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.methods.nasa import LEAK, POSE_SIZE, NasaField, NasaWeightTerm
+from nilbs.methods.nasa.field import LEAK, POSE_SIZE, NasaField, NasaWeightTerm
 
 BONES = 3
 
@@ -60,7 +61,7 @@ def test_pieces_of_points_are_answered_as_all_at_once(n: int, rng: np.random.Gen
     assert net.piece == 128
     with torch.no_grad():
         answer = net.posed(B[0])(x)
-        np.testing.assert_allclose(answer.logit, net.logit(x[None], B)[0], rtol=1e-12)
+        np.testing.assert_allclose(-answer.level, net.logit(x[None], B)[0], rtol=1e-12)
     assert answer.distance.shape == (n,)
     assert answer.x_rest.shape == (n, 3)
 
@@ -120,14 +121,16 @@ def test_the_weight_loss_written_out(d: int, rng: np.random.Generator) -> None:
     net, B = field(d, True), poses(d, 1, rng)
     V, W = rng.normal(size=(1, d)), np.array([[0.2, 0.7, 0.1]])
     options = {"poses_per_step": 2, "points_per_pose": 3}
-    term = NasaWeightTerm(net, V, W, torch.as_tensor(B), **options, factor=0.4)
+    term = NasaWeightTerm(net, RestSamples(V, W), torch.as_tensor(B), **options, factor=0.4)
     x = linear_blend_skinning(V, W, B[0])
     occupancy = torch.sigmoid(net.part_logits(torch.as_tensor(x)[None], torch.as_tensor(B)))[0, :, 0].detach().numpy()
     expected = 0.4 * ((occupancy - [0, 0.5, 0]) ** 2).mean()
     assert term(rng).item() == pytest.approx(expected, rel=1e-12)
     # Several: a mean over what is drawn, the same for the same generator.
     V, W, B = rng.normal(size=(5, d)), rng.dirichlet(np.ones(BONES), 5), poses(d, 4, rng)
-    term = NasaWeightTerm(net, V, W, torch.as_tensor(B), poses_per_step=3000, points_per_pose=2, factor=1.0)
+    term = NasaWeightTerm(
+        net, RestSamples(V, W), torch.as_tensor(B), poses_per_step=3000, points_per_pose=2, factor=1.0
+    )
     expected = 0.0
     for pose in B:
         x = linear_blend_skinning(V, W, pose)
@@ -142,7 +145,9 @@ def test_the_weight_loss_written_out(d: int, rng: np.random.Generator) -> None:
 def test_the_weight_loss_is_learned(d: int, rng: np.random.Generator) -> None:
     net, B = field(d, False, width=16), poses(d, 2, rng)
     V = rng.normal(size=(BONES, d))
-    term = NasaWeightTerm(net, V, np.eye(BONES), torch.as_tensor(B), poses_per_step=4, points_per_pose=8, factor=1.0)
+    term = NasaWeightTerm(
+        net, RestSamples(V, np.eye(BONES)), torch.as_tensor(B), poses_per_step=4, points_per_pose=8, factor=1.0
+    )
     optimizer = torch.optim.Adam(net.parameters(), lr=1e-2)
     for _ in range(400):
         optimizer.zero_grad()
@@ -162,7 +167,7 @@ def test_types_no_points_and_too_few_layers(rng: np.random.Generator) -> None:
         assert logit.dtype == torch.float32
         torch.testing.assert_close(logit.double(), field(3, deformable).logit(x, B), rtol=0, atol=1e-4)
         answer = single.posed(B[0].float())(torch.zeros((0, 3)))
-        assert answer.logit.shape == (0,)
+        assert answer.level.shape == (0,)
         assert answer.distance.shape == (0,)
         assert answer.x_rest.shape == (0, 3)
     with pytest.raises(ValueError, match=r"^a part needs at least 1 hidden layer, got 0$"):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from nilbs.methods.broyden import broyden
 from torch import Tensor
+
+from nilbs.methods.snarf.broyden import broyden
 
 
 def bend(x_rest: Tensor) -> Tensor:

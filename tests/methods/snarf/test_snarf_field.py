@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from nilbs.geometry.kinematics import forward_kinematics, random_rotations
-from nilbs.methods import snarf
-from nilbs.methods.snarf import OUTSIDE, SnarfBoneTerm, SnarfField
+from nilbs.methods.snarf import field as snarf
+from nilbs.methods.snarf.field import OUTSIDE, SnarfBoneTerm, SnarfField
 
 BE = np.array([[0, 1], [1, 2], [1, 3]])
 P = np.array([-1, 0, 0])
@@ -101,7 +101,7 @@ def test_a_body_that_follows_one_bone_is_moved_rigidly(d: int, bone: int, rng: n
         truth = field.rest_logit(x_rest, B, torch.zeros(200, dtype=torch.int64))
         trained = field.logit(x[None], B)[0]
     torch.testing.assert_close(answer.x_rest, x_rest)
-    torch.testing.assert_close(answer.logit, truth)
+    torch.testing.assert_close(-answer.level, truth)
     torch.testing.assert_close(trained, truth)
     assert answer.distance.isnan().all()
     # The bone's own start is the root; from the others the map is affine, so that one step is enough.
@@ -120,7 +120,7 @@ def test_at_rest_every_point_is_its_own_root(d: int, rng: np.random.Generator) -
         truth = field.rest_logit(x, rest, torch.zeros(50, dtype=torch.int64))
         found = field.candidates(x, rest, torch.zeros(50, dtype=torch.int64))
     torch.testing.assert_close(answer.x_rest, x)
-    torch.testing.assert_close(answer.logit, truth)
+    torch.testing.assert_close(-answer.level, truth)
     assert ask.evaluations == found.evaluations == 3 * 50
     assert found.exists.sum(dim=0).tolist() == [50, 0, 0]  # what the others find is the same root
 
@@ -136,7 +136,7 @@ def test_of_two_roots_one_inside_is_enough_and_without_a_root_all_is_outside(d: 
     assert found.exists.tolist() == [[True, True], [True, True], [False, False]]
     torch.testing.assert_close(found.x_rest[:2, 0], x[:2], atol=1e-5, rtol=0)
     torch.testing.assert_close(found.x_rest[:2, 1], mirrored[:2], atol=1e-5, rtol=0)
-    torch.testing.assert_close(answer.logit, torch.tensor([1.0, 1.0, OUTSIDE]).double(), atol=1e-3, rtol=0)
+    torch.testing.assert_close(-answer.level, torch.tensor([1.0, 1.0, OUTSIDE]).double(), atol=1e-3, rtol=0)
     torch.testing.assert_close(answer.x_rest[:2], torch.stack([x[0], mirrored[1]]), atol=1e-5, rtol=0)
     assert answer.x_rest[2].isnan().all()
     # In training: the mean of both occupancies, by a softmax of them.
@@ -186,8 +186,8 @@ def test_chunks_change_nothing(d: int, rng: np.random.Generator, monkeypatch: py
         assert (parts.queries, parts.evaluations) == (ask.queries, ask.evaluations)
         # One pose after the other is the same as all together, and the maximum no less than the mean.
         torch.testing.assert_close(torch.stack([field.logit(x[i : i + 1], B[i : i + 1])[0] for i in range(3)]), whole)
-        assert (answer.logit >= whole[0] - 1e-9).all()
-        assert field.posed(B[0])(x[0, :0]).logit.shape == (0,)
+        assert (-answer.level >= whole[0] - 1e-9).all()
+        assert field.posed(B[0])(x[0, :0]).level.shape == (0,)
     single = field.float()
     with torch.no_grad():
         logit = single.logit(x.float(), B.float())
