@@ -16,7 +16,7 @@ from nilbs.geometry.metrics import HIGHER_IS_BETTER, intersection_over_union, su
 from nilbs.geometry.sampling import near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.methods.base import NOISE
-from nilbs.methods.mesh_lbs import PosedMesh
+from nilbs.methods.mesh_lbs.field import PosedMesh
 from nilbs.methods.registry import method_class, untrained
 from nilbs.models.model import Model
 from nilbs.models.posed_model import PosedModel

@@ -306,7 +306,7 @@ class Model:
         for name, tensor in (("x", x), ("pose", pose)):
             kinds = "torch.float32 or torch.float64"
             if not isinstance(tensor, torch.Tensor) or tensor.dtype not in (torch.float32, torch.float64):
-                raise ValueError(f"{name} must be a tensor of {kinds}, got {getattr(tensor, 'dtype', type(tensor))}")
+                raise ValueError(f"{name} must be a tensor of {kinds}, got {getattr(tensor, 'dtype', None)}")
             if not bool(torch.isfinite(tensor).all()):
                 raise ValueError(f"{name} has numbers that are not finite")
         if x.ndim != 2 or x.shape[1] != d:

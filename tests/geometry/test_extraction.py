@@ -5,7 +5,7 @@ from nilbs.geometry.extraction import field_surface, node_levels
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.metrics import surface_scores
 from nilbs.geometry.winding import occupancy
-from nilbs.methods.mesh_lbs import MeshLbs
+from nilbs.methods.mesh_lbs.field import PosedMesh
 
 
 def ball(x: np.ndarray) -> np.ndarray:
@@ -102,7 +102,7 @@ def test_a_grid_smaller_than_a_block(d: int) -> None:
 def test_the_field_of_a_mesh_gives_the_mesh_back(d: int, rng: np.random.Generator) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 24)
     U, F = field_surface(field_of(two_balls), grid)
-    mesh, x = MeshLbs(U, F), rng.uniform(-1, 1, (200, d))
+    mesh, x = PosedMesh(U, F), rng.uniform(-1, 1, (200, d))
     np.testing.assert_array_equal(mesh.inside(x), occupancy(U, F, x))
     finer = Grid.cube(U, 48)
     scores = surface_scores(*mesh.extract_on(finer), U, F, unit=2.0, n=2000, rng=rng)

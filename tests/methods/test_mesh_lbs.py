@@ -9,7 +9,8 @@ from nilbs.geometry.facets import is_watertight
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skinning import linear_blend_skinning
-from nilbs.methods.mesh_lbs import MeshSkinning, PosedMesh
+from nilbs.methods.mesh_lbs import MeshSkinning
+from nilbs.methods.mesh_lbs.field import PosedMesh
 
 
 def bent(c, rng: np.random.Generator) -> np.ndarray:

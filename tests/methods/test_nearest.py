@@ -11,7 +11,7 @@ from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
 from nilbs.geometry.winding import occupancy
-from nilbs.methods.nearest import NearestVertex
+from nilbs.methods.nearest.field import NearestVertex
 
 
 def bent(c, rng: np.random.Generator) -> np.ndarray:

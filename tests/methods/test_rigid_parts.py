@@ -10,7 +10,7 @@ from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.winding import occupancy
-from nilbs.methods.rigid_parts import RigidPieces
+from nilbs.methods.rigid_parts.field import RigidPieces
 
 
 def rigid(c) -> ArrayField:

@@ -286,7 +286,7 @@ def test_minutes_are_turned_into_steps_and_leave_the_model_as_steps_would(bar) -
 
 @pytest.mark.parametrize(("minutes", "steps"), [(0.0, None), (-1.0, None), (1.0, 20), (float("inf"), None)])
 def test_minutes_are_positive_and_stand_alone(minutes: float, steps: int | None, bar) -> None:
-    with pytest.raises(ValueError, match="^minutes .* got"):
+    with pytest.raises(ValueError, match=r"^minutes .* got"):
         fit(*bar, TINY, steps=steps, device="cpu", minutes=minutes)
 
 
@@ -335,7 +335,7 @@ def test_a_motion_without_frames_is_refused(bar) -> None:
 
 def test_what_learns_nothing_says_so(bar) -> None:
     said: list[str] = []
-    fit(*bar, replace(TINY, method="nearest"), device="cpu", report=said.append)
+    fit(*bar, "nearest", device="cpu", report=said.append)
     assert said == ["the method nearest learns nothing: there is no training"]
 
 

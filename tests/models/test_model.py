@@ -115,15 +115,15 @@ def test_devices_are_checked_by_name() -> None:
 @pytest.mark.parametrize(
     ("x", "pose", "message"),
     [
-        (np.zeros((2, 2)), None, r"x must be a tensor \(n, 2\) of torch.float32 or torch.float64, got ndarray$"),
-        (None, None, r"x must be a tensor .*, got NoneType$"),
-        (torch.zeros((2, 2), dtype=torch.int64), None, r"x must be a tensor .*, got \(2, 2\) of torch.int64$"),
-        (torch.zeros((2, 2), dtype=torch.float16), None, r"x must be a tensor .*, got \(2, 2\) of torch.float16$"),
-        (torch.zeros((2, 3)), None, r"x must be a tensor .*, got \(2, 3\) of torch.float32$"),
-        (torch.zeros(2), None, r"x must be a tensor .*, got \(2,\) of torch.float32$"),
-        (torch.tensor(2.0), None, r"x must be a tensor .*, got \(\) of torch.float32$"),
+        (np.zeros((2, 2)), None, "x must be a tensor"),
+        (None, None, r"x must be a tensor .* None$"),
+        (torch.zeros((2, 2), dtype=torch.int64), None, r"x .* torch.int64$"),
+        (torch.zeros((2, 2), dtype=torch.float16), None, r"x .* torch.float16$"),
+        (torch.zeros((2, 3)), None, r"x .* \(n, 2\), got \(2, 3\)$"),
+        (torch.zeros(2), None, r"x .* \(n, 2\), got \(2,\)$"),
+        (torch.tensor(2.0), None, r"x .* \(n, 2\), got \(\)$"),
         (torch.tensor([[0.0, torch.nan]]), None, r"x has numbers that are not finite$"),
-        (torch.zeros((2, 2)), torch.eye(3)[None], r"pose must be a tensor \(\d+, 3, 3\) .*, got \(1, 3, 3\) of"),
+        (torch.zeros((2, 2)), torch.eye(3)[None], r"pose .* \(13, 3, 3\), got \(1, 3, 3\)$"),
         (torch.zeros((2, 2)), torch.full((13, 3, 3), torch.nan), r"pose has numbers that are not finite$"),
     ],
 )

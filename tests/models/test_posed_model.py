@@ -128,7 +128,7 @@ def test_any_field_known_at_rest_is_read_at_the_rest_images(d: int, models, quer
     assert np.isnan(colour[~inside]).all()
     density = model.values(lambda x_rest: x_rest[:, 0], x, pose, outside=-5.0)
     np.testing.assert_allclose(density, np.where(inside, images[:, 0], -5))
-    message = rf"^the rest field must answer {inside.sum()} points, got an array of shape \(3,\)$"
+    message = rf"rest field .* {inside.sum()} points, got an array \(3,\)$"
     with pytest.raises(ValueError, match=message):
         model.values(lambda x_rest: np.zeros(3), x, pose)
 

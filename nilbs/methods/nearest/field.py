@@ -1,32 +1,11 @@
-"""The plainest baseline: inverse skinning with the weights of the nearest posed vertex, nothing learned."""
-
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+"""Inverse skinning with the weights of the nearest posed vertex, on arrays."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from nilbs.fields.array_field import ArrayAnswers
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
-from nilbs.methods.base import Method
-
-if TYPE_CHECKING:
-    from nilbs.characters.character import Character
-    from nilbs.fields.array_field import ArrayAnswers, ArrayField
-
-
-@dataclass(frozen=True)
-class Nearest(Method):
-    """The inverse map (eq. 6) with weights that are copied instead of predicted."""
-
-    name: ClassVar[str] = "nearest"
-    summary: ClassVar[str] = "inverse skinning with the weights of the nearest posed vertex"
-
-    def field(self, character: "Character") -> "ArrayField":
-        """The field of a character."""
-        from nilbs.fields.array_field import ArrayField
-        from nilbs.fields.unit_frame import at_rest
-
-        return ArrayField(NearestVertex(at_rest(character, character.V), character.F, character.W))
 
 
 class NearestVertex:
@@ -39,10 +18,8 @@ class NearestVertex:
     def __init__(self, V: np.ndarray, F: np.ndarray, W: np.ndarray) -> None:
         self.V, self.F, self.W = V, F, W
 
-    def __call__(self, B: np.ndarray) -> "ArrayAnswers":
+    def __call__(self, B: np.ndarray) -> ArrayAnswers:
         """Distances and canonical points in a pose."""
-        from scipy.spatial import cKDTree
-
         tree = cKDTree(linear_blend_skinning(self.V, self.W, B))
         nowhere = self.V.max(axis=0) + 10 * np.ptp(self.V, axis=0).max()
 

@@ -1,17 +1,11 @@
-"""Rigid pieces of the rest shape, each moved by its bone: skinning without a blend."""
-
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+"""Distances of the union of rigid parts, on arrays."""
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from nilbs.fields.array_field import ArrayAnswers
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
-from nilbs.methods.base import Method
-
-if TYPE_CHECKING:
-    from nilbs.characters.character import Character
-    from nilbs.fields.array_field import ArrayAnswers, ArrayField
 
 # Cells along the longest edge of the grid that bounds how far the shape reaches beyond the vertices of a part.
 RESOLUTION = 32
@@ -19,26 +13,6 @@ RESOLUTION = 32
 SMALLEST = 1e-6
 # In those units: a distance above this may be returned too small.
 NEAR = 0.1
-
-
-@dataclass(frozen=True)
-class RigidParts(Method):
-    """The union of rigid parts; nothing is learned, and nothing bends.
-
-    A part is the piece of the rest shape where its bone's weight is largest. Every bone's inverse transform gives a
-    candidate for the canonical point; the point is inside if a candidate lies in the shape and in the bone's own part.
-    """
-
-    name: ClassVar[str] = "rigid-parts"
-    summary: ClassVar[str] = "every bone's rigid inverse, where that bone owns the place"
-
-    def field(self, character: "Character") -> "ArrayField":
-        """The field of a character."""
-        from nilbs.fields.array_field import ArrayField
-        from nilbs.fields.unit_frame import at_rest
-
-        c = character
-        return ArrayField(RigidPieces(at_rest(c, c.V), c.F, c.W, at_rest(c, c.V_volume), c.W_volume))
 
 
 class RigidPieces:
@@ -52,8 +26,6 @@ class RigidPieces:
 
     def __init__(self, V: np.ndarray, F: np.ndarray, W: np.ndarray, V_volume: np.ndarray, W_volume: np.ndarray) -> None:
         self.V, self.F, self.W = V, F, W
-        from scipy.spatial import cKDTree
-
         places = np.concatenate([V, V_volume])
         self.owner = np.concatenate([W, W_volume]).argmax(axis=1)
         self.tree = cKDTree(places)
@@ -66,7 +38,7 @@ class RigidPieces:
         self.apart = 10 * (np.linalg.norm(np.ptp(places, axis=0)) + reach)
         self.part_tree = cKDTree(np.column_stack([places, self.apart * self.owner]))
 
-    def __call__(self, B: np.ndarray) -> "ArrayAnswers":
+    def __call__(self, B: np.ndarray) -> ArrayAnswers:
         """Distances and canonical points in a pose."""
         d = self.V.shape[1]
         linear, offset = B[:, :d, :d].copy(), B[:, :d, d, None]
