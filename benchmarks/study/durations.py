@@ -13,6 +13,7 @@ from nilbs.models.protocol import POINTS, RESOLUTION
 _TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.3, 2.0, 5.0
 _POINTS_SECONDS = {
     "nilbs": 2.5,
+    "paper": 1.2,
     "nasa": 2.8,
     "nasa-rigid": 2.2,
     "snarf": 50.0,
@@ -36,7 +37,7 @@ def training_seconds(method: str, minutes: float | None, frames: int) -> float:
     """Of a training, with its frames labelled and its grids filled; without minutes, of a quick one."""
     if minutes is None:
         return _START_SECONDS
-    return 60 * minutes + 0.2 * frames + _START_SECONDS + (_GRID_SECONDS if method == "nilbs" else 0.0)
+    return 60 * minutes + 0.2 * frames + _START_SECONDS + (_GRID_SECONDS if method in ("nilbs", "paper") else 0.0)
 
 
 def scoring_seconds(character: str, method: str, spec: Mapping[str, Any]) -> float:

@@ -31,6 +31,7 @@ from nilbs.geometry.metrics import intersection_over_union
 from nilbs.geometry.skeleton import skeleton_of_bones
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.winding import occupancy, winding_number
+from nilbs.methods.nilbs import Nilbs
 from nilbs.models.protocol import RESOLUTION
 
 if TYPE_CHECKING:
@@ -318,7 +319,8 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
     character = model.character
     pose = turned(character, 1, [-BEND])[0]
     U_true = character.skin(pose)
-    finest = model.settings.cache_resolution * prod(PARTS[1:])
+    assert isinstance(model.method, Nilbs)
+    finest = (model.method.cache_resolution or 0) * prod(PARTS[1:])
     cache, grid = Grid.box(character.V, finest).spacing, Grid.cube(U_true, resolution)
     U, F = model.posed(pose).extract_on(grid)
     asked, extracted = _found_of_fins(model, pose, U, F, rng)

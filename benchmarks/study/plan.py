@@ -2,21 +2,23 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 from hashlib import sha256
 from typing import Any
 
-from nilbs.methods.settings import MAPPINGS, METHODS, NOISE, Settings
-
 from benchmarks.study.durations import scoring_seconds, training_seconds
 from benchmarks.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Builder, Entry, Job, Plan
 from benchmarks.study.scale import ABLATIONS, ASKS_ALL_BONES, ASKS_BONES, SWEEP_SETS, TRAINED, Scale
+from nilbs.methods.base import NOISE
+from nilbs.methods.inverse_skinning import MAPPINGS
+from nilbs.methods.registry import all_methods, method_class, values_of
 
 # Raised where trainings or scores change and no setting tells.
 RECIPE = 3
 # Other ways of the trained default field to its rest images, and rows that learn nothing.
 OTHER_MAPPINGS = tuple(name for name in MAPPINGS if name != "search")
+OWN = ("nilbs", "paper")  # methods that have these mappings
 UNLEARNED = ("nearest", "rigid-parts", "floor", "mesh-lbs")
 # Rows of the default model's first seed whose surfaces are scored too.
 SURFACE_ROWS = ("floor", "inverse", "nearest")
@@ -81,8 +83,8 @@ def defaults() -> str:
 
     What no setting tells, constants in fields and in the search among it, counts only if `RECIPE` is raised with it.
     """
-    resolved = [asdict(Settings(method=name).resolved(bones=8, d=d)) for name in METHODS for d in (2, 3)]
-    return sha256(json.dumps([RECIPE, resolved], sort_keys=True).encode()).hexdigest()[:16]
+    settings = {name: values_of(kind()) for name, kind in all_methods().items()}
+    return sha256(json.dumps([RECIPE, settings], sort_keys=True).encode()).hexdigest()[:16]
 
 
 def methods(scale: Scale, builder: Builder) -> None:
@@ -140,7 +142,7 @@ def _affordable(poses: Sequence[str], entry: Entry) -> tuple[str, ...]:
 
 def _sweep_sets(scale: Scale, settings: Mapping[str, Any]) -> tuple[str, ...]:
     """Pose sets of a training in a sweep."""
-    return tuple(poses for poses in scale.sweep_poses if "method" not in settings or poses == "unseen")
+    return tuple(poses for poses in scale.sweep_poses if _method_name(settings) in OWN or poses == "unseen")
 
 
 def surfaces(scale: Scale, builder: Builder) -> None:
@@ -330,7 +332,9 @@ def _train(
     *,
     keep: bool,
 ) -> Job:
-    changes = {**scale.settings, **settings}
+    # What is set for every training holds where the method has it.
+    own = {s.name for s in method_class(_method_name(settings)).settings()}
+    changes = {**{name: value for name, value in scale.settings.items() if name in own}, **settings}
     if minutes is not None:
         changes.pop("steps", None)  # the time tells
     spec = {
@@ -342,7 +346,7 @@ def _train(
         "made_of": scale.made_of.get(character, ""),
         "defaults": defaults(),
     }
-    seconds = training_seconds(changes.get("method", "nilbs"), minutes, training_frames)
+    seconds = training_seconds(_method_name(settings), minutes, training_frames)
     return builder.job(Job(key, TRAIN, spec, keep=keep, seconds=seconds))
 
 
@@ -380,7 +384,7 @@ def _score(
     }
     if surface_alone:
         spec["ious"] = ["iou_surface"]
-    method = training.spec["settings"].get("method", "nilbs")
+    method = _method_name(training.spec["settings"])
     job = Job(key, SCORE, spec, training.key, seconds=scoring_seconds(training.spec["character"], method, spec))
     job = builder.job(job)
     entry = replace(entry, job=job.key)
@@ -394,8 +398,12 @@ def _row_name(entry: Entry, row: str) -> str:
     return row if entry.method in ("nilbs", "default") else f"{entry.method}: {row}"
 
 
+def _method_name(settings: Mapping[str, Any]) -> str:
+    return str(settings.get("method", "nilbs"))
+
+
 def _inverse(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    return () if "method" in settings else ("inverse",)
+    return ("inverse",) if _method_name(settings) in OWN else ()
 
 
 def _slug(name: str) -> str:

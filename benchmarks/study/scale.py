@@ -11,7 +11,7 @@ SWEEP_SETS = ("unseen", "far")
 # What is trained: the settings that make a method of the name.
 TRAINED: Mapping[str, Mapping[str, Any]] = {
     "nilbs": {},
-    "paper": {"supervision": "paper", "mapping": "inverse"},
+    "paper": {"method": "paper"},
     "nasa": {"method": "nasa"},
     "nasa-rigid": {"method": "nasa-rigid"},
     "snarf": {"method": "snarf"},
@@ -31,8 +31,8 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "no weight and no position loss": {"weight_loss": 0.0, "position_loss": 0.0},
     "no random poses": {"random_pose_std": 0.0},
     "no adaptive sampling": {"adaptive": False},
-    "the paper's supervision": {"supervision": "paper"},
-    "the paper's supervision, cache of a wider step": {"supervision": "paper", "cache_width": 0.01},
+    "the paper's supervision": {"method": "paper", "mapping": "search"},
+    "the paper's supervision, cache of a wider step": {"method": "paper", "mapping": "search", "cache_width": 0.01},
     "rest weights on 64 cells": {"weight_resolution": 64},
     "rest weights on 96 cells": {"weight_resolution": 96},
     "rest distance on 256 cells": {"cache_resolution": 256},

@@ -4,14 +4,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from nilbs.methods.settings import MAPPINGS, ROWS
-
 from benchmarks.study.jobs import SCORE, TWIST, Entry, Plan
 from benchmarks.study.plan import OTHER_MAPPINGS, SWEEPS, UNLEARNED
 from benchmarks.study.results import Score, controls, others, scores, series, summary
 from benchmarks.study.scale import ABLATIONS, SWEEP_SETS, TRAINED
 from benchmarks.study.store import Store, number
 from nilbs.geometry.metrics import HIGHER_IS_BETTER
+from nilbs.methods.inverse_skinning import MAPPINGS
+from nilbs.methods.registry import untrained
 from nilbs.models.protocol import IOUS, POSE_SETS
 
 # Rows that are the truth itself.
@@ -76,7 +76,8 @@ _MEANINGS = {
     "nasa-rigid": "NASA with rigid parts: one network a bone, told the point in its frame alone; largest part",
     "snarf": "SNARF: a network of forward weights and one of occupancy at rest; Broyden's method from every bone",
     "mlp": "a network that is told the point and the pose, without any skinning",
-    **{name: ROWS[name] for name in ("nearest", "rigid-parts", "floor")},
+    **{name: untrained()[name].summary for name in ("nearest", "rigid-parts")},
+    "floor": "the true mesh's own distance on the same grid",
     "mesh-lbs": "the skinned mesh itself asked for its winding number and distance: what the rows are compared with",
 }
 

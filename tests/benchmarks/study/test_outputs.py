@@ -7,7 +7,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from nilbs.methods.settings import MAPPINGS
 
 from benchmarks.study import results, tables
 from benchmarks.study.jobs import Plan
@@ -18,6 +17,7 @@ from benchmarks.study.results import Score, series, summary
 from benchmarks.study.runner import run
 from benchmarks.study.scale import full_scale, quick_scale
 from benchmarks.study.tables import Cell, Table, study_tables
+from nilbs.methods.inverse_skinning import MAPPINGS
 from nilbs.models.protocol import IOUS, POSE_SETS
 
 TITLES = {"gingerbread-2d": "flat man", "elephant": "elephant"}
