@@ -13,6 +13,7 @@ import zipfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ _PARENTS = {
     **{"mesh": "object", "components": "object", "component": "components"},
 }
 _PACKED = 100  # times that a 3MF file may grow when it is unpacked
+_ELEMENTS = 2**14  # objects, meshes, components and items of a 3MF file
 _PLACED, _NESTED = 2**12, 16  # objects that a 3MF file may place, and how deep one may hold another
 _TRIANGLES = 2**25  # that they may hold together
 
@@ -50,7 +52,7 @@ def read_trimesh(path: str | os.PathLike) -> MeshFile:
     bad = np.flatnonzero(~np.isfinite(file.V).all(axis=1))
     if len(bad):
         raise FileFormatError(path, f"vertex {bad[0]} is {file.V[bad[0]].tolist()}; every number must be finite")
-    return file
+    return replace(file, V=np.array(file.V))  # a plain array, without trimesh's record of changes
 
 
 def trimesh_bytes(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> bytes:
@@ -82,16 +84,16 @@ def _read_off(path: str | os.PathLike) -> MeshFile:
         return MeshFile(path, np.zeros((n, 3)), no_elements(), no_elements(), first=0)
     (mesh,) = _scene(path, f"OFF{found[1]}".encode(), "off").geometry.values()
     # trimesh cuts polygons into fans, which is wrong where they are not convex, and takes short rows as they are.
-    polygons = [row[1:] for row in rows[1 + n :]]
+    faces = rows[1 + n :]
     try:
-        sizes = np.array([int(row[0]) for row in rows[1 + n :]], np.int64)
-        if any(not 0 < size <= len(polygon) for size, polygon in zip(sizes, polygons, strict=True)):
+        sizes = [int(row[0]) for row in faces]
+        if any(not 0 < size < len(row) for size, row in zip(sizes, faces, strict=True)):
             raise ValueError
-        words = [word for size, polygon in zip(sizes, polygons, strict=True) for word in polygon[:size]]
-        corners = np.array([int(word) for word in words], np.int64)
+        words = [word for size, row in zip(sizes, faces, strict=True) for word in row[1 : 1 + size]]
+        polygons = Elements(np.array([int(word) for word in words], np.int64), np.array(sizes, np.int64), None)
     except (ValueError, OverflowError):
         raise FileFormatError(path, "a face is a number of corners, and so many whole numbers of vertices") from None
-    return MeshFile(path, mesh.vertices, Elements(corners, sizes, None), no_elements(), first=0)
+    return MeshFile(path, mesh.vertices, polygons, no_elements(), first=0)
 
 
 def _read_stl(path: str | os.PathLike) -> MeshFile:
@@ -99,7 +101,7 @@ def _read_stl(path: str | os.PathLike) -> MeshFile:
     data = file_bytes(path)
     count = int.from_bytes(data[80:_HEADER], "little")
     size = _HEADER + count * _TRIANGLE
-    groups: dict[str, np.ndarray] = {}
+    groups: dict[str, list[np.ndarray]] = {}
     if len(data) == size or not data[:100].lstrip().lower().startswith(b"solid"):
         if len(data) < max(size, _HEADER):
             raise FileFormatError(
@@ -116,8 +118,7 @@ def _read_stl(path: str | os.PathLike) -> MeshFile:
         stops = np.cumsum([len(word) // 4 for word in letters])
         for name, word, stop in zip(solids[::2], letters, stops, strict=True):
             if name.strip() and word:
-                faces = np.arange(stop - len(word) // 4, stop)
-                groups[name.strip()] = np.concatenate([groups.get(name.strip(), faces[:0]), faces])
+                groups.setdefault(name.strip(), []).append(np.arange(stop - len(word) // 4, stop))
         # As one solid: trimesh merges vertices of several, and takes long to name them.
         scene = _scene(path, f"solid\n{''.join(facets)}\nendsolid\n".encode(), "stl")
     corners = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in scene.geometry.values())])
@@ -126,7 +127,8 @@ def _read_stl(path: str | os.PathLike) -> MeshFile:
     _, first, place = np.unique(corners + 0.0, axis=0, return_index=True, return_inverse=True)  # -0.0 is 0.0
     corner = np.argsort(np.argsort(first))[place.ravel()]
     triangles = Elements(corner, np.full(count, 3), None)
-    return MeshFile(path, corners[np.sort(first)] + 0.0, triangles, no_elements(), 0, groups)
+    faces_of = {name: np.concatenate(faces) for name, faces in groups.items()}
+    return MeshFile(path, corners[np.sort(first)] + 0.0, triangles, no_elements(), 0, faces_of)
 
 
 def _read_3mf(path: str | os.PathLike) -> MeshFile:
@@ -174,9 +176,12 @@ def _check_model(path: str | os.PathLike, model: bytes) -> None:
     try:
         holder = ""
         tags = [f"{{*}}{name}" for name in _PARENTS]
-        for _, element in etree.iterparse(
+        elements = etree.iterparse(
             io.BytesIO(model), events=("start",), tag=tags, resolve_entities=False, no_network=True, huge_tree=False
-        ):
+        )
+        for number, (_, element) in enumerate(elements):
+            if number >= _ELEMENTS:
+                raise FileFormatError(path, f"its model has more than {_ELEMENTS} objects, meshes and items")
             kind, parent = (str(getattr(e, "tag", "")).rpartition("}")[2] for e in (element, element.getparent()))
             if parent != _PARENTS[kind]:  # trimesh would read it twice
                 raise FileFormatError(path, f"its model has {kind} in {parent or 'nothing'}, not in {_PARENTS[kind]}")

@@ -66,6 +66,7 @@ def test_a_mesh_of_trimesh_needs_no_weights():
     mesh = trimesh.creation.box((4, 1, 1))
     c = assemble(mesh, skeleton_of_bones([[-1.5, 0, 0], [0, 0, 0], [1.5, 0, 0]], [[0, 1], [1, 2]]))
     assert c.W.shape == (8, 2)
+    assert type(c.V) is np.ndarray
     assert (c.W.argmax(axis=1) == (mesh.vertices[:, 0] > 0)).all()
 
 

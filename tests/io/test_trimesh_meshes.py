@@ -52,6 +52,7 @@ def test_what_is_written_is_read(tmp_path, rng, suffix, scale):
     else:
         assert np.abs(U - V).max() <= 1e-16 * np.abs(V).max()
         assert np.array_equal(G, F)
+    assert type(U) is np.ndarray
     other = trimesh.load_mesh(path, process=False)
     assert np.allclose(other.vertices[other.faces], V[F], atol=1e-6 * scale)
 
@@ -96,6 +97,12 @@ def test_placed_objects_are_groups_moved_and_turned_outward(threemf):
     assert sorted(corners) == [-1, 0, 0]
     assert normal == [-1, 1, 1]
     assert sorted(faces.tolist() for faces in mesh.groups.values()) == [[0], [1], [2]]
+
+
+def test_many_solids_of_one_name_are_one_group(tmp_path):
+    facet = "facet\nvertex 0 0 1\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+    (tmp_path / "a.stl").write_text(f"solid a\n{facet}endsolid a\n" * 3000)
+    assert len(read_mesh_parts(tmp_path / "a.stl").groups["a"]) == 3000
 
 
 def test_an_object_that_is_not_placed_is_left_out(threemf):
@@ -144,6 +151,7 @@ ENTITY = '<?xml version="1.0"?><!DOCTYPE model [<!ENTITY a SYSTEM "file:///etc/h
         (packed(model(OBJECT.replace("</vertices>", f"{MESH}</vertices>"))), "mesh in vertices"),
         (packed(b" " * 2**21), "2097152 bytes"),
         (packed(model(items=ITEM * 5000)), "4096 objects"),
+        (packed(model('<object id="1"><mesh/></object>' * 9000)), "16384 objects"),
         (nested(13, 3), "4096 objects"),
         (nested(6, 3), "of one another"),
         (nested(30, 1), "16 times deep"),
