@@ -4,7 +4,7 @@ import io
 import os
 from dataclasses import dataclass
 from itertools import islice
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 import numpy as np
 
@@ -44,13 +44,14 @@ def read_ply(path: str | os.PathLike) -> MeshFile:
     lines: dict[str, np.ndarray | None] = {}
     text = io.BytesIO(data)
     text.seek(start)
+    binary = _Binary(path, data, start, order)
     for element in elements:
         if order == "":
             tables[element.name] = _text_rows(path, element, text, line)
             lines[element.name] = np.arange(line, line + element.size)
             line += element.size
         else:
-            tables[element.name], start = _binary_rows(path, element, data, start, order)
+            tables[element.name] = binary.columns(element)
             lines[element.name] = None
     vertex = tables.get("vertex", {})
     if not _has(vertex, "x", "y", "z"):
@@ -121,83 +122,74 @@ def _header(path: str | os.PathLike, data: bytes) -> tuple[str, list[_Element], 
     return order, elements, stop, len(rows) + 1
 
 
-def _binary_rows(
-    path: str | os.PathLike, element: _Element, data: bytes, start: int, order: str
-) -> tuple[dict[str, np.ndarray], int]:
-    """The columns of an element; a list is its values one row after the other, and their counts."""
-    counts = _first_counts(path, element, data, start, order) if element.size else {}
-    table = _table(element, counts, order)
-    stop = start + element.size * table.itemsize
-    if stop <= len(data):
-        columns = np.frombuffer(data, table, count=element.size, offset=start)
-        if all((columns[f"{name} count"] == count).all() for name, count in counts.items()):
-            return {name: columns[name].ravel() for name in columns.dtype.names or ()}, stop
-    elif not any(p.count for p in element.properties):
-        raise FileFormatError(path, f"the file ends within its {element.size} rows of {element.name}")
-    return _uneven_rows(path, element, data, start, order)
+class _Binary:
+    """The rows of one element after the other, from a byte on."""
 
+    def __init__(self, path: str | os.PathLike, data: bytes, start: int, order: str) -> None:
+        self.path, self.data, self.start, self.order = path, data, start, order
 
-def _uneven_rows(
-    path: str | os.PathLike, element: _Element, data: bytes, start: int, order: str
-) -> tuple[dict[str, np.ndarray], int]:
-    """The same row by row, for lists of different lengths."""
-    steps = [(p, np.dtype(p.type).itemsize) for p in element.properties]
-    columns: dict[str, list[np.ndarray]] = {}
-    for first in range(0, element.size, _ROWS):
-        values: dict[str, list[bytes]] = {p.name: [] for p, _ in steps}
-        counts: dict[str, list[int]] = {p.name: [] for p, _ in steps}
-        for row in range(first, min(first + _ROWS, element.size)):
-            for p, width in steps:
-                size = 1
+    def columns(self, element: _Element) -> dict[str, np.ndarray]:
+        """The columns of an element; a list is its values one row after the other, and their counts."""
+        counts = self._first_counts(element) if element.size else {}
+        table = self._table(element, counts)
+        stop = self.start + element.size * table.itemsize
+        if stop <= len(self.data):
+            columns = np.frombuffer(self.data, table, count=element.size, offset=self.start)
+            if all((columns[f"{name} count"] == count).all() for name, count in counts.items()):
+                self.start = stop
+                return {name: columns[name].ravel() for name in columns.dtype.names or ()}
+        elif not any(p.count for p in element.properties):
+            raise FileFormatError(self.path, f"the file ends within its {element.size} rows of {element.name}")
+        return self._uneven(element)
+
+    def _uneven(self, element: _Element) -> dict[str, np.ndarray]:
+        """The same row by row, for lists of different lengths."""
+        columns: dict[str, list[np.ndarray]] = {}
+        for first in range(0, element.size, _ROWS):
+            values: dict[str, list[bytes]] = {p.name: [] for p in element.properties}
+            counts: dict[str, list[int]] = {p.name: [] for p in element.properties}
+            for row in range(first, min(first + _ROWS, element.size)):
+                for p in element.properties:
+                    count, start, self.start = self._value(element, p, self.start, row)
+                    counts[p.name].append(count)
+                    values[p.name].append(self.data[start : self.start])
+            for p in element.properties:
+                columns.setdefault(p.name, []).append(np.frombuffer(b"".join(values[p.name]), self.order + p.type))
                 if p.count:
-                    size, start = _list_size(path, element, p, data, start, order, row)
-                    counts[p.name].append(size)
-                stop = start + size * width
-                if stop > len(data):
-                    raise FileFormatError(path, f"the file ends within row {row} of {element.size} of {element.name}")
-                values[p.name].append(data[start:stop])
-                start = stop
-        for p, _ in steps:
-            columns.setdefault(p.name, []).append(np.frombuffer(b"".join(values[p.name]), order + p.type))
+                    columns.setdefault(f"{p.name} count", []).append(np.array(counts[p.name], p.count))
+        return {name: np.concatenate(parts) for name, parts in columns.items()}
+
+    def _first_counts(self, element: _Element) -> dict[str, int]:
+        """The lengths of the lists of the first row: as a rule, of every row."""
+        counts: dict[str, int] = {}
+        stop = self.start
+        for p in element.properties:
+            count, _, stop = self._value(element, p, stop, 0)
             if p.count:
-                columns.setdefault(f"{p.name} count", []).append(np.array(counts[p.name], p.count))
-    return {name: np.concatenate(parts) for name, parts in columns.items()}, start
+                counts[p.name] = count
+        return counts
 
-
-def _first_counts(path: str | os.PathLike, element: _Element, data: bytes, start: int, order: str) -> dict[str, int]:
-    """The lengths of the lists of the first row: as a rule, of every row."""
-    counts: dict[str, int] = {}
-    for p in element.properties:
-        size = 1
+    def _value(self, element: _Element, p: _Property, start: int, row: int) -> tuple[int, int, int]:
+        """How many numbers a property has in a row, and where they start and stop."""
+        count = 1
         if p.count:
-            size, start = _list_size(path, element, p, data, start, order, 0)
-            counts[p.name] = size
-        start += size * np.dtype(p.type).itemsize
-    if start > len(data):
-        raise FileFormatError(path, f"the file ends within row 0 of {element.size} of {element.name}")
-    return counts
+            at, start = start, start + int(p.count[1])
+            order: Literal["little", "big"] = "little" if self.order == "<" else "big"
+            count = int.from_bytes(self.data[at:start], order, signed=p.count[0] == "i")
+            if start <= len(self.data) and not 0 <= count <= len(self.data):
+                raise FileFormatError(self.path, f"row {row} of {element.name} has a list of {count} values")
+        stop = start + max(count, 0) * int(p.type[1])
+        if stop > len(self.data):
+            raise FileFormatError(self.path, f"the file ends within row {row} of {element.size} of {element.name}")
+        return count, start, stop
 
-
-def _list_size(
-    path: str | os.PathLike, element: _Element, p: _Property, data: bytes, start: int, order: str, row: int
-) -> tuple[int, int]:
-    kind = p.count or ""  # such as "u1"
-    stop = start + int(kind[1])
-    if stop > len(data):
-        raise FileFormatError(path, f"the file ends within row {row} of {element.size} of {element.name}")
-    size = int.from_bytes(data[start:stop], "little" if order == "<" else "big", signed=kind[0] == "i")
-    if not 0 <= size <= len(data):
-        raise FileFormatError(path, f"row {row} of {element.name} has a list of {size} values")
-    return size, stop
-
-
-def _table(element: _Element, counts: dict[str, int], order: str) -> np.dtype:
-    fields: list[tuple] = []
-    for p in element.properties:
-        if p.count:
-            fields.append((f"{p.name} count", order + p.count))
-        fields.append((p.name, order + p.type, (counts.get(p.name, 0),)) if p.count else (p.name, order + p.type))
-    return np.dtype(fields)
+    def _table(self, element: _Element, counts: dict[str, int]) -> np.dtype:
+        fields: list[tuple] = []
+        for p in element.properties:
+            if p.count:
+                fields.append((f"{p.name} count", self.order + p.count))
+            fields.append((p.name, self.order + p.type, *[(counts.get(p.name, 0),)] * bool(p.count)))
+        return np.dtype(fields)
 
 
 def _text_rows(path: str | os.PathLike, element: _Element, text: BinaryIO, line: int) -> dict[str, np.ndarray]:
