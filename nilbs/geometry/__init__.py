@@ -1,7 +1,7 @@
 """Geometry on arrays: numpy in, numpy out, in two and three dimensions alike.
 
-Every function here can be imported from `nilbs.geometry`; what other files of this folder hold besides is for the
-package itself. Importing this module loads no other library.
+The functions for users are those of `nilbs.geometry.__all__`; all others in this folder are internal. Importing this
+module loads neither numpy nor any mesh library.
 """
 
 import lazy_loader
