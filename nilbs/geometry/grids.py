@@ -128,12 +128,12 @@ class Grid:
 
     @property
     def lower(self) -> np.ndarray:
-        """(d,) float array: the first node, in mesh units."""
+        """The first node (d,), in mesh units."""
         return self.origin
 
     @property
     def upper(self) -> np.ndarray:
-        """(d,) float array: the last node, in mesh units."""
+        """The last node (d,), in mesh units."""
         return self.origin + self.spacing * (np.array(self.shape) - 1)
 
     @property
