@@ -87,7 +87,7 @@ def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = 
         score = "" if name == "truth" else f"\nIoU of the pixels {intersection_over_union(inside, true):.4f}"
         plain(panel, title=name + score)
     keys = [
-        Patch(facecolor=RIGHT_INSIDE, label="inside, rightly"),
+        Patch(facecolor=RIGHT_INSIDE, label="correctly inside"),
         Patch(facecolor=FALSE_INSIDE, label="wrongly inside"),
         Patch(facecolor=FALSE_OUTSIDE, label="wrongly outside"),
     ]
