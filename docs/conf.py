@@ -56,7 +56,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"/\d\d_",
     "ignore_pattern": r"make_assets|own_baseline",
     "image_scrapers": ("gallery_pictures.written_pictures",),
-    "reset_modules": (),
+    "reset_modules": ("gallery_pictures.set_file",),
     "download_all_examples": False,
     "show_signature": False,
     "show_memory": False,

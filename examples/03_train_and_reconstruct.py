@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--mesh", type=Path, default=HERE / "assets" / "gingerbread.obj")
     parser.add_argument("--rig", type=Path, default=HERE / "assets" / "gingerbread.tgf")
     parser.add_argument("--frames", type=int, default=100)
-    parser.add_argument("--steps", type=int, default=800)
+    parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--resolution", type=int, default=128, help="cells along the edge of the grid")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=HERE.parent / "out")

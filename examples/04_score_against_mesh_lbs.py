@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--rig", type=Path, default=HERE / "assets" / "gingerbread.tgf")
     parser.add_argument("--model", type=Path, help="score this model file instead of training one")
     parser.add_argument("--frames", type=int, default=100)
-    parser.add_argument("--steps", type=int, default=800)
+    parser.add_argument("--steps", type=int, default=500)
     parser.add_argument("--points", type=int, default=10_000, help="points a frame")
     parser.add_argument("--resolution", type=int, default=64, help="cells along the edge of the grid")
     parser.add_argument("--seed", type=int, default=0)

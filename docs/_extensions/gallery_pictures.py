@@ -1,5 +1,6 @@
-"""Pictures of the gallery: the PNG files that an example prints the names of."""
+"""What the gallery needs to run the examples: their path, and the pictures that they write."""
 
+import builtins
 import re
 from pathlib import Path
 from shutil import copyfile
@@ -7,14 +8,13 @@ from typing import Any
 
 from sphinx_gallery.scrapers import figure_rst
 
-OUT = Path(__file__).parents[2] / "out"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+OUT = EXAMPLES.parent / "out"
 
 
 def written_pictures(block: tuple[Any, ...], block_vars: dict[str, Any], gallery_conf: dict[str, Any]) -> str:
     """Take the pictures that an example has written into out/, in the order of their names."""
     example = Path(block_vars["src_file"])
-    if block_vars.get("example_globals", {}).get("main") is None:
-        return ""
     number = re.match(r"\d+", example.name)
     paths = sorted(OUT.glob(f"{number.group()}_*.png")) if number else []
     copies = []
@@ -23,3 +23,9 @@ def written_pictures(block: tuple[Any, ...], block_vars: dict[str, Any], gallery
         copyfile(path, copy)
         copies.append(copy)
     return str(figure_rst(copies, gallery_conf["src_dir"]))
+
+
+def set_file(gallery_conf: dict[str, Any], name: str | None) -> None:
+    """Define `__file__` for an example, which the gallery runs without one."""
+    if name is not None:  # None is a folder
+        builtins.__file__ = str(EXAMPLES / Path(name).name)  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Pictures of a trained model as PNG files: one function a figure, and one that writes them all."""
+"""Pictures of a trained model as PNG files: one function per figure, and one that writes them all."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -28,18 +28,7 @@ __all__ = [
 
 
 def figure_files(model: "Model") -> list[str]:
-    """Names of the files that `write_figures` writes.
-
-    Weights and ghost are of the method "nilbs" alone, training of what was trained.
-
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    names : list of str
-    """
+    """Names of the files that `write_figures` writes; weights and ghost bone need a weight network."""
     network, trained = "inverse" in model.method.mappings, len(model.history) > 0
     shown = {"notation": True, "weights": network, "ghost": network, "training": trained, "reconstruction": True}
     return [f"{name}.png" for name, there in shown.items() if there]
@@ -51,20 +40,15 @@ def write_figures(
     *,
     resolution: int = RESOLUTION,
 ) -> list[Path]:
-    """Write all figures of a model as PNG: those of `figure_files`.
+    """Write the PNG files of `figure_files` and return their paths.
 
     Parameters
     ----------
     model : Model
     folder : path
-        Made where it is missing.
+        It is made if it is missing.
     resolution : int, optional
-        Cells along each edge of the grid that surfaces are extracted on, in three evenly spaced training frames.
-
-    Returns
-    -------
-    paths : list of Path
-        The files, in the order above.
+        Cells of the grid on which surfaces are extracted, in three evenly spaced training frames.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The sheet that every figure is drawn on: size, fonts, colours, and how it gets to disk."""
+"""The sheet of every figure: size, fonts, colours, and writing it."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from nilbs.io.atomic import replacing
 
-# Okabe and Ito's palette: told apart by readers of any colour vision.
+# Okabe and Ito's palette, which works for any colour vision.
 BODY = "#c9a27a"
 INK = "#333333"
 AXES = ("#d55e00", "#009e73", "#0072b2")
@@ -24,7 +24,7 @@ DPI = 150
 
 
 def error_colours() -> Colormap:
-    """Colours for distances: lightness falls steadily, and zero is still visible on white."""
+    """Colours for distances: lightness falls steadily, and zero is visible on white."""
     from matplotlib import colormaps
 
     return LinearSegmentedColormap.from_list("error", colormaps["YlOrRd"](np.linspace(0.2, 1.0, 64)))
@@ -33,7 +33,7 @@ def error_colours() -> Colormap:
 def evenly_spaced(length: int, n: int) -> list[int]:
     """At most n of `length` frames, evenly spaced from the first.
 
-    The last frame is left out: in a motion that repeats it shows the first pose again.
+    The last frame is left out, because in a motion that repeats it is the first pose again.
 
     Examples
     --------
@@ -47,24 +47,9 @@ def evenly_spaced(length: int, n: int) -> list[int]:
 def sheet(
     rows: int, columns: int, *, title: str, width: float = 2.6, height: float = 2.75, beside: float = 0.3
 ) -> tuple[Figure, np.ndarray]:
-    """An empty figure of panels.
+    """An empty figure and its panels (rows, columns), each `width` by `height` inches.
 
-    Parameters
-    ----------
-    rows, columns : int
-        Number of panels.
-    title : str
-        Heading of the whole figure.
-    width, height : float, optional
-        Size of a panel, in inches.
-    beside : float, optional
-        Room for a colour bar on the right, in inches.
-
-    Returns
-    -------
-    figure : matplotlib Figure
-    panels : (rows, columns) object array
-        The panels' axes.
+    `beside` inches on the right are for a colour bar.
 
     Examples
     --------
@@ -79,7 +64,7 @@ def sheet(
 
 
 def plain(panel: Axes, *, title: str = "", lower: np.ndarray | None = None, upper: np.ndarray | None = None) -> None:
-    """Strip a panel of its ticks, make its units square and, where given, set what it shows."""
+    """Remove a panel's ticks, make its units square, and set its window from `lower` and `upper`."""
     panel.set_aspect("equal")
     panel.set_xticks([])
     panel.set_yticks([])
@@ -93,23 +78,7 @@ def plain(panel: Axes, *, title: str = "", lower: np.ndarray | None = None, uppe
 
 
 def write_png(figure: Figure, path: str | Path) -> Path:
-    """Write a figure as PNG, wholly or not at all.
-
-    Parameters
-    ----------
-    figure : matplotlib Figure
-    path : path
-        Its folder must exist.
-
-    Returns
-    -------
-    path : Path
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Write a figure as PNG, completely or not at all, and return its path."""
     with replacing(path, "wb") as file:
         figure.savefig(file, format="png")
     return Path(path)

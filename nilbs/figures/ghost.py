@@ -1,4 +1,4 @@
-"""The paper's third figure: what the ghost bone takes away from the occupancy."""
+"""The paper's third figure: the effect of the ghost bone on occupancy."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,31 +29,10 @@ if TYPE_CHECKING:
 
 
 def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = None, label: str = "posed") -> Path:
-    """Draw a pose's true occupancy, the inverse map's without and with the ghost bone's factor, and the root search's.
+    """Draw true occupancy, the inverse map's without and with the ghost bone, and the root search's.
 
-    Parameters
-    ----------
-    model : Model
-    path : path
-        The PNG to write.
-    pose : (b, d+1, d+1) float array, optional
-        Where none is given: of ten evenly spaced training frames, the one where the factor changes most.
-    label : str, optional
-        What to call that pose.
-
-    Returns
-    -------
-    path : Path
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-
-    Notes
-    -----
-    The intersection over union is that of the pixels shown, a square 1.5 times as large as the body; it is not
-    a score of the protocol, whose points fill a smaller cube.
+    Without a `pose`, it is the one of ten training frames in which the ghost bone changes most. The intersection over
+    union is that of the pixels, in a square 1.5 times as large as the body; it is not a score of the protocol.
     """
     character, motion = model.character, model.motion
     front = View.front(character.V)
@@ -63,7 +42,7 @@ def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = 
         changed = [_changed(model, front, motion[k]) for k in candidates]
         frame = candidates[int(np.argmax(changed))]
         pose, label = motion[frame], f"training frame {motion.frames[frame]}"
-        note = f" (of {len(candidates)} frames, the one where the ghost bone changes most)"
+        note = f" (the frame of {len(candidates)} in which the ghost bone changes most)"
         if not max(changed):
             note = f" (the ghost bone changes none of {len(candidates)} frames)"
 

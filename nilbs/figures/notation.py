@@ -1,4 +1,4 @@
-"""The paper's first figure: the rest occupancy with its bone frames, and posed training frames with theirs."""
+"""The paper's first figure: occupancy and bones, at rest and in training frames."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,28 +17,7 @@ if TYPE_CHECKING:
 
 
 def notation_figure(model: "Model", path: str | Path) -> Path:
-    """Draw what a model is trained on: the character at rest and three evenly spaced training frames.
-
-    Parameters
-    ----------
-    model : Model
-    path : path
-        The PNG to write.
-
-    Returns
-    -------
-    path : Path
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-
-    Notes
-    -----
-    Top: the bodies. Bottom: their occupancy, in 3D on a planar section. Nothing here comes from the network: a posed
-    point is inside where the winding number of the posed mesh is above one half.
-    """
+    """Draw the character at rest and in three evenly spaced training frames, and the true occupancy below."""
     character, motion = model.character, model.motion
     rest = np.broadcast_to(np.eye(character.d + 1), motion[0].shape)
     shown = evenly_spaced(len(motion), 3)

@@ -29,6 +29,8 @@ def reconstruction_figure(
 ) -> Path:
     """Draw the true surface of each pose (top) and the model's (bottom), coloured by the distance to the true one.
 
+    The distance is that of the reconstructed vertices. The colours end at the 99th percentile over all poses.
+
     Parameters
     ----------
     model : Model
@@ -37,13 +39,7 @@ def reconstruction_figure(
     poses : mapping of str to (b, d+1, d+1) float array
         Labels and poses, one column each.
     surfaces : mapping of str to (U, F), optional
-        Reconstructed surfaces that are already at hand, by label; the others are extracted here.
-    resolution : int, optional
-        Cells along each edge of the grid they are extracted on.
-
-    Returns
-    -------
-    path : Path
+        Reconstructed surfaces by label; missing ones are extracted on a grid of `resolution` cells.
 
     Raises
     ------
@@ -51,14 +47,9 @@ def reconstruction_figure(
         If there is no pose.
     OSError
         If the file cannot be written.
-
-    Notes
-    -----
-    Distances are those of the reconstructed vertices to the true surface, in % of L, the longest edge of the rest
-    mesh's bounding box. The colours end at the 99th percentile over all poses.
     """
     if not poses:
-        raise ValueError("poses is empty: there is nothing to draw")
+        raise ValueError("poses is empty, expected at least one pose")
     character = model.character
     columns = []
     for label, B in poses.items():

@@ -37,18 +37,16 @@ def draw_body(
     F : (m, d) int array
         Facets.
     values : (n,) float array, optional
-        What the vertices are coloured by, together with `colours`.
+        Values of the vertices, which `colours` turns into colours.
     colours : matplotlib ScalarMappable, optional
-        From values to colours.
     colour : str, optional
-        Colour of the body where there are no values.
+        Colour of the body without values.
 
     Notes
     -----
-    3D: the painter's algorithm on triangles sorted by the depth of their centres; of a closed surface only those that
-    face the viewer, of an open one both sides. It mistakes only triangles that are large compared with the gap
-    between two sheets.
-    2D: the inside is where the outline winds around a point at all, which is how the protocol defines the truth.
+    3D: the painter's algorithm, on triangles sorted by the depth of their centres. Triangles that are large compared
+    with the gap between two sheets may be drawn in the wrong order. The back faces of a closed surface are left out.
+    2D: the inside is where the winding number is not 0.
     """
     if not len(F):
         panel.text(0.5, 0.5, "empty surface", transform=panel.transAxes, ha="center", va="center", fontsize=9)
@@ -83,7 +81,7 @@ def draw_body(
 def draw_bones(
     panel: Axes, view: View, C: np.ndarray, BE: np.ndarray, *, B: np.ndarray | None = None, colour: str = INK
 ) -> None:
-    """Draw bones as lines with dots at both ends; with B, (b, d+1, d+1), as posed by it."""
+    """Draw bones as lines with dots at both ends, posed if B is given."""
     ends = C[BE]
     if B is not None:
         d = C.shape[1]
@@ -94,7 +92,7 @@ def draw_bones(
 
 
 def draw_frames(panel: Axes, view: View, C: np.ndarray, BE: np.ndarray, *, length: float) -> None:
-    """Draw every bone's rest frame: the world's axes, set at the bone's first joint, as arrows of a length."""
+    """Draw every bone's rest frame: the world's axes at its first joint, as arrows of one length."""
     d = C.shape[1]
     for axis, colour in zip(np.eye(d), AXES, strict=False):
         start = view.project(C[BE[:, 0]])

@@ -12,23 +12,7 @@ if TYPE_CHECKING:
 
 
 def training_figure(model: "Model", path: str | Path) -> Path:
-    """Draw the training loss over the steps, with its running median.
-
-    Parameters
-    ----------
-    model : Model
-    path : path
-        The PNG to write.
-
-    Returns
-    -------
-    path : Path
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Draw the training loss over the steps, with its running median."""
     history = np.asarray(model.history, dtype=float)
     figure, panels = sheet(1, 1, title=f"{model.character.name}: training loss", width=5.5, height=3.2)
     panel = panels[0, 0]
@@ -47,19 +31,7 @@ def training_figure(model: "Model", path: str | Path) -> Path:
 
 
 def running_median(values: np.ndarray, window: int) -> tuple[np.ndarray, np.ndarray]:
-    """Medians of consecutive windows.
-
-    Parameters
-    ----------
-    values : (n,) float array
-    window : int
-        Between 1 and n.
-
-    Returns
-    -------
-    at : (n - window + 1,) float array
-        Middles of the windows; the first value counts as 1.
-    median : (n - window + 1,) float array
+    """Middles and medians of consecutive windows of values (n,); the first value is at 1.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""From posed space to paper: the direction a character is looked at from, and planar sections through it."""
+"""Projections onto paper: orthographic views, and planar sections."""
 
 from dataclasses import dataclass
 
@@ -7,19 +7,19 @@ import numpy as np
 
 @dataclass(frozen=True)
 class View:
-    """An orthographic view: in 2D the plane itself, in 3D a direction to look from.
+    """An orthographic view: the plane itself in 2D, a direction in 3D.
 
     Parameters
     ----------
     axes : (d, d) float array
-        Orthonormal rows: what points right on paper, what points up and, in 3D, what points at the viewer.
+        Orthonormal rows: right on paper, up on paper and, in 3D, towards the viewer.
     """
 
     axes: np.ndarray
 
     @classmethod
     def front(cls, V: np.ndarray) -> "View":
-        """The view along the thinnest extent of a character's rest vertices V, (n, d), with y (else z) up.
+        """The view along the thinnest extent of rest vertices V, with y (else z) up.
 
         Examples
         --------
@@ -35,7 +35,7 @@ class View:
         return cls(np.array([np.cross(up, toward), up, toward]) + 0.0)
 
     def turned(self, *, azimuth: float = 30.0, elevation: float = 18.0) -> "View":
-        """The same view from further to the right and above (degrees); in 2D the view itself."""
+        """The same view from further right and above, in degrees; in 2D the view itself."""
         if len(self.axes) == 2:
             return self
         right, up, toward = self.axes
@@ -49,7 +49,7 @@ class View:
         return x @ self.axes[:2].T
 
     def window(self, *clouds: np.ndarray, margin: float = 0.06) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (2,), (2,) of the square on paper that holds all the clouds of points, with a margin."""
+        """Corners (2,), (2,) of the square on paper around all clouds of points, with a margin."""
         flat = np.concatenate([self.project(cloud) for cloud in clouds])
         lower, upper = flat.min(axis=0), flat.max(axis=0)
         half = (0.5 + margin) * max(float((upper - lower).max()), 1e-12)
@@ -80,7 +80,7 @@ class Section:
 
     @classmethod
     def through(cls, view: View, U: np.ndarray, *, scale: float = 1.2, pixels: int = 320) -> "Section":
-        """The section through posed vertices U, (n, d): `scale` times as large as they are, at their mean depth."""
+        """The section through posed vertices U, `scale` times as large as they are, at their mean depth."""
         middle = (U.min(axis=0) + U.max(axis=0)) / 2
         edge = scale * float(np.ptp(view.project(U), axis=0).max())
         if len(view.axes) == 3:
@@ -113,7 +113,7 @@ class Section:
         return float(self.lower[0]), float(self.upper[0]), float(self.lower[1]), float(self.upper[1])
 
     def cut(self, U: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """Where the plane meets a surface, as segments on paper.
+        """The intersection of the plane with a surface, as segments on paper.
 
         Parameters
         ----------
@@ -136,10 +136,10 @@ class Section:
         if U.shape[1] == 2:
             return U[F]
         height = (U - self.centre) @ self.view.axes[2]
-        height = np.where(height == 0, 1e-12 * self.edge, height)  # a vertex in the plane counts as in front of it
+        height = np.where(height == 0, 1e-12 * self.edge, height)  # a vertex in the plane counts as in front
         above = height[F] > 0
         F, above = F[above.any(axis=1) & ~above.all(axis=1)], above[above.any(axis=1) & ~above.all(axis=1)]
-        # Turn each triangle until the corner that is alone on its side comes first.
+        # Rotate each triangle until the single corner on one side is first.
         alone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
         corner = np.take_along_axis(F, (alone[:, None] + np.arange(3)) % 3, axis=1)
         ends = []

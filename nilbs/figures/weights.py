@@ -17,28 +17,12 @@ if TYPE_CHECKING:
     from nilbs.models.model import Model
 
 
-# Bones that are drawn, those that move most of the surface; the ghost channel comes on top.
+# Number of bones drawn, those with the largest weights; the ghost bone is drawn too.
 COLUMNS = 4
 
 
 def weights_figure(model: "Model", path: str | Path) -> Path:
-    """Draw a few channels of the network's weights, top at rest, bottom in the middle frame of the training motion.
-
-    Parameters
-    ----------
-    model : Model
-    path : path
-        The PNG to write.
-
-    Returns
-    -------
-    path : Path
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
-    """
+    """Draw channels of the network's weights: top at rest, bottom in the middle frame of the training motion."""
     character, motion = model.character, model.motion
     middle = len(motion) // 2
     pose, label = motion[middle], f"training frame {motion.frames[middle]}"
