@@ -9,12 +9,17 @@ from sphinx.util.docutils import SphinxDirective
 
 from nilbs.app.main import COMMANDS, parser_of
 
+_PLAIN = ("positional arguments", "options")  # groups of argparse itself
+
 
 def described(parser: argparse.ArgumentParser) -> list[str]:
     """A command's usage, its arguments and its options, as lines of reStructuredText."""
     lines = ["", ".. code-block:: text", "", *(f"   {line}" for line in _usage(parser)), ""]
     for group in parser._action_groups:
         actions = [action for action in group._group_actions if not isinstance(action, argparse._HelpAction)]
+        if actions and group.title not in _PLAIN:
+            title = str(group.title)
+            lines += [f".. rubric:: {title[:1].upper()}{title[1:]}", ""]
         for action in actions:
             lines += [_name(parser, action), f"   {_help(parser, action)}", ""]
     return lines
@@ -40,9 +45,7 @@ def _name(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
 
 def _help(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
     text = parser._get_formatter()._expand_help(action) if action.help else ""
-    text = text.replace("*", r"\*").replace("_", r"\_").replace("|", r"\|")
-    sentence = text[:1].upper() + text[1:]
-    return sentence + ("" if sentence.endswith(".") else ".")
+    return text.replace("*", r"\*").replace("_", r"\_").replace("|", r"\|").replace("--", r"\--")
 
 
 class CommandReference(SphinxDirective):

@@ -1,4 +1,4 @@
-"""What the gallery needs to run the examples: their path, and the pictures that they write."""
+"""How the gallery runs the examples, and which pictures it shows."""
 
 import builtins
 import re
@@ -6,6 +6,7 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
+import tqdm
 from sphinx_gallery.scrapers import figure_rst
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -17,15 +18,12 @@ def written_pictures(block: tuple[Any, ...], block_vars: dict[str, Any], gallery
     example = Path(block_vars["src_file"])
     number = re.match(r"\d+", example.name)
     paths = sorted(OUT.glob(f"{number.group()}_*.png")) if number else []
-    copies = []
-    for path in paths:
-        copy = next(block_vars["image_path_iterator"])
-        copyfile(path, copy)
-        copies.append(copy)
-    return str(figure_rst(copies, gallery_conf["src_dir"]))
+    copies = [copyfile(path, next(block_vars["image_path_iterator"])) for path in paths]
+    return "".join(figure_rst([copy], gallery_conf["src_dir"]) for copy in copies)
 
 
-def set_file(gallery_conf: dict[str, Any], name: str | None) -> None:
-    """Define `__file__` for an example, which the gallery runs without one."""
+def prepare(gallery_conf: dict[str, Any], name: str | None) -> None:
+    """Define `__file__` for an example, which the gallery runs without one, and switch progress bars off."""
+    tqdm.tqdm = lambda *args, **options: tqdm.std.tqdm(*args, **options | {"disable": True})
     if name is not None:  # None is a folder
         builtins.__file__ = str(EXAMPLES / Path(name).name)  # type: ignore[attr-defined]

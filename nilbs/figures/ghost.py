@@ -56,10 +56,10 @@ def ghost_figure(model: "Model", path: str | Path, *, pose: np.ndarray | None = 
         "with the ghost bone": model.occupancy(x, pose, mapping="inverse") > 0.5,
         "by root search": model.occupancy(x, pose, mapping="search") > 0.5,
     }
-    figure, panels = sheet(1, len(predictions), title=f"{character.name}: {label}{note}", width=3.2, height=3.2)
+    figure, panels = sheet(2, 2, title=f"{character.name}: {label}{note}", width=3.2, height=3.2)
     palette = np.array([[to_rgb(OUTSIDE), to_rgb(FALSE_INSIDE)], [to_rgb(FALSE_OUTSIDE), to_rgb(RIGHT_INSIDE)]])
     outline = section.cut(U, character.F)
-    for panel, (name, inside) in zip(panels[0], predictions.items(), strict=True):
+    for panel, (name, inside) in zip(panels.ravel(), predictions.items(), strict=True):
         colours = section.image(palette[true.astype(int), inside.astype(int)])
         panel.imshow(colours, origin="lower", extent=section.extent, interpolation="nearest")
         panel.add_collection(LineCollection(list(outline), colors=INK, linewidths=0.7))

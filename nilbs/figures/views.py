@@ -99,12 +99,12 @@ class Section:
 
     @property
     def lower(self) -> np.ndarray:
-        """(2,) float array: the lower left corner on paper."""
+        """Lower left corner (2,) on paper."""
         return self.view.project(self.centre) - self.edge / 2
 
     @property
     def upper(self) -> np.ndarray:
-        """(2,) float array: the upper right corner on paper."""
+        """Upper right corner (2,) on paper."""
         return self.view.project(self.centre) + self.edge / 2
 
     @property

@@ -1,4 +1,4 @@
-"""`nilbs demo`: the gingerbread man from nothing to a trained model, its scores and pictures."""
+"""`nilbs demo`: train a field of the gingerbread man, score it and draw it."""
 
 import argparse
 import sys
@@ -12,11 +12,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dim", type=int, choices=(2, 3), default=2, help="2: the flat figure (default); 3: the cookie, a solid"
     )
+    parser.add_argument("--out", metavar="DIR", default="out/demo", help="folder of all results (default out/demo)")
     parser.add_argument(
-        "--out", metavar="DIR", default="out/demo", help="folder of everything that is written (default out/demo)"
-    )
-    parser.add_argument(
-        "--frames", type=whole(1), default=FRAMES, metavar="N", help=f"poses of its animation (default {FRAMES})"
+        "--frames", type=whole(1), default=FRAMES, metavar="N", help=f"frames of the random motion (default {FRAMES})"
     )
     parser.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
     add_points(parser)
@@ -26,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Draw, solve, train, score, and write it all down."""
+    """Write the character, solve for weights, train, score, and draw."""
     from pathlib import Path
     from time import perf_counter
 
