@@ -48,7 +48,7 @@ def read_archive(
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Read the arrays and settings that `write_archive` wrote.
 
-    `older` are kinds of earlier versions that are read as well; any other kind, or a damaged file, is a FileFormatError.
+    `older` are kinds of earlier versions that are read too; another kind, or a damaged file, is a FileFormatError.
     """
     from safetensors import SafetensorError
     from safetensors.numpy import load

@@ -37,7 +37,7 @@ def line_blocks(path: str | os.PathLike) -> Iterator[tuple[int, list[bytes]]]:
 @contextmanager
 def _opened(path: str | os.PathLike, limit: int = SIZE_LIMIT) -> Iterator[tuple[BinaryIO, int]]:
     """The file, and its size in bytes."""
-    # Checked before opening: to open a named pipe would wait for ever.
+    # Opening a named pipe would wait for ever.
     if not stat.S_ISREG(os.stat(path).st_mode) and not os.path.isdir(path):
         raise FileFormatError(path, "this is not a regular file")
     with open(path, "rb") as file:

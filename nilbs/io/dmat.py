@@ -96,7 +96,7 @@ def _header(path: str | os.PathLike, data: bytes, start: int, line: int) -> tupl
     if not match:
         raise FileFormatError(path, "a .dmat file starts with its numbers of columns and rows", line)
     columns, rows = int(match[1]), int(match[2])
-    # A text file takes at least two bytes a value; so no header makes us hold more than the file does.
+    # A text file takes at least two bytes a value, so memory stays in proportion to the file.
     if columns * rows > len(data):
         raise FileFormatError(path, f"{rows} rows of {columns} columns do not fit in {len(data)} bytes", line)
     return columns, rows, match.end()

@@ -19,7 +19,7 @@ _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _JSON_CHUNK, _BINARY_CHUNK = b"JSON", b"BIN\0"
 _REPEATED = 2**24  # numbers that accessors may yield beyond twice the file's bytes: they may overlap, but not endlessly
-# Required extensions that change no shape and no motion, or that are read.
+# Extensions that a file may require: they change no shape and no motion, or are read.
 _HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_")
 _COMPRESSION = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 

@@ -164,7 +164,7 @@ def _triangles(corners: np.ndarray, mode: int) -> np.ndarray:
         return np.stack([np.broadcast_to(corners[:1], last.shape), middle, last], axis=1)
     E = np.stack([corners[:-2], middle, last], axis=1)
     E[1::2] = E[1::2][:, [0, 2, 1]]
-    # Strips are sewn together by triangles that use a corner twice.
+    # Triangles that use a corner twice join strips.
     return E[(E[:, 0] != E[:, 1]) & (E[:, 1] != E[:, 2]) & (E[:, 2] != E[:, 0])]
 
 

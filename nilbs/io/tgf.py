@@ -151,7 +151,7 @@ def _shared_joints(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
     """Joints (k, d) and bones (b, 2) of which `bone_parents` gives the skeleton's parents, wherever places allow."""
     C, BE, P = skeleton.C, skeleton.BE, skeleton.P
     ends_once = (BE[:, 0] != BE[:, 1]).all() and len(np.unique(BE[:, 1])) == len(BE)
-    # The circle of two bones that start where the other ends is one of joints, not of parents.
+    # Two bones that each start where the other ends are a circle of joints, not of parents.
     start_at = np.isin(BE[:, 0], BE[:, 1])
     if ends_once and (BE[start_at, 0] == BE[P[start_at], 1]).all() and (start_at == (P >= 0)).all():
         return C, BE

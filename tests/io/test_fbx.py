@@ -70,7 +70,7 @@ def test_the_copy_is_read(tmp_path, character, blender, monkeypatch):
         ("exec sleep 20", "Blender was stopped: it took more than 0.5 s"),
     ],
 )
-def test_what_blender_says_is_told(character, blender, monkeypatch, script, message):
+def test_the_message_of_blender_is_reported(character, blender, monkeypatch, script, message):
     blender(script)
     monkeypatch.setattr(fbx, "_SECONDS", 0.5 if "sleep" in script else 60)
     with pytest.raises(FileFormatError) as caught:
@@ -90,7 +90,7 @@ def test_no_blender(tmp_path, character, monkeypatch):
         read_fbx(character)
 
 
-def test_what_is_no_fbx_file_never_reaches_blender(tmp_path, blender):
+def test_blender_reads_fbx_files_only(tmp_path, blender):
     blender("exit 0")
     (tmp_path / "a.fbx").write_text("; FBX 7.3.0 project file")
     with pytest.raises(FileFormatError, match=r"a\.fbx: this is no binary FBX file"):

@@ -239,7 +239,7 @@ OTHER = Skeleton([[0, 0, 0], [1, 0, 0]], [[1, 0]], [-1], ("a",))
         (Bundle(None, BONE, None, (Clip("c", BONE, [0.0, 1], STILL),)), "B must be"),
     ],
 )
-def test_what_cannot_be_written(tmp_path, parts, match):
+def test_arguments_that_cannot_be_written(tmp_path, parts, match):
     with pytest.raises(ValueError, match=match):
         write_gltf(tmp_path / "a.glb", parts)
     assert list(tmp_path.iterdir()) == []

@@ -228,7 +228,7 @@ def test_write_json_checks_what_bones_do(tmp_path, wrong):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_nests_without_end_is_shown_in_few_words():
+def test_endless_nesting_is_shown_in_few_words():
     nested = []
     for _ in range(100_000):
         nested = [nested]

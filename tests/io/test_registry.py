@@ -8,7 +8,7 @@ from nilbs.io.registry import READABLE, WRITABLE, kind_of
 
 
 @pytest.mark.parametrize("suffix", [".dmat", ".npz"])
-def test_weights_are_told_from_a_motion_by_their_row_sums(tmp_path, suffix):
+def test_row_sums_separate_weights_from_motions(tmp_path, suffix):
     # 24 rows are a motion of two bones, unless the numbers look like weights.
     path = tmp_path / f"a{suffix}"
     write_weights(path, np.full((24, 2), 0.5))

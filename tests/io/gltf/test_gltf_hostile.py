@@ -78,7 +78,7 @@ class TestWhereBuffersComeFrom:
             *["data:;base64,AAA", "data:,AAAA", "data:;base64", "data:;base64,ä"],
         ],
     )
-    def test_nowhere_else(self, tmp_path, uri):
+    def test_no_other_files_are_read(self, tmp_path, uri):
         folder = tmp_path / "inside"
         folder.mkdir()
         (tmp_path / "secret.bin").write_bytes(bytes(36))
@@ -225,7 +225,7 @@ LIES = {
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_lies_are_caught(character, tmp_path, lie):
+def test_wrong_claims_are_refused(character, tmp_path, lie):
     make, match = LIES[lie]
     refused(tmp_path, make(character), match)
 
@@ -245,7 +245,7 @@ def test_lies_are_caught(character, tmp_path, lie):
         (6, np.zeros((2, 4)), "key 0 is zero"),
     ],
 )
-def test_numbers_that_lie(character, tmp_path, accessor, values, match):
+def test_numbers_that_contradict_each_other(character, tmp_path, accessor, values, match):
     file = character
     animate(file, "wave", [(3, "rotation", "LINEAR", [0, 1], [[0, 0, 0, 1], [0, 0, 0, 1]])])
     file.root["accessors"][accessor] = file.root["accessors"][file.accessor(values)]
@@ -321,7 +321,7 @@ GOOD = b'{"asset":{"version":"2.0"}}'
         ("a.glb", glb("{"), "a.glb: this is no JSON"),
     ],
 )
-def test_containers_that_lie(tmp_path, name, content, match):
+def test_containers_with_wrong_headers(tmp_path, name, content, match):
     refused(tmp_path, content, match, name)
 
 
