@@ -152,7 +152,7 @@ REGISTERED: dict[str, type[Method]] = {}
 
 @dataclass(frozen=True)
 class TrainedMethod(Method):
-    """A method whose field is a network, trained on labelled points of posed frames."""
+    """A method whose field learns from labelled points of posed frames."""
 
     trained: ClassVar[bool] = True
 
@@ -160,8 +160,6 @@ class TrainedMethod(Method):
         None, "training steps (default: 1000 and 100 more for each bone, at most 4000)", least=1
     )
     learning_rate: float = setting(1e-2, "largest rate of the one-cycle schedule", least=1e-12)
-    width: int = setting(96, "units of a hidden layer", least=1, most=WIDEST)
-    depth: int = setting(5, "linear layers", least=2, most=WIDEST)
     poses_per_step: int = setting(64, "poses in the batch of each loss", least=1)
     points_per_pose: int = setting(128, "points of each of them", least=1)
     samples_per_frame: int = setting(20_000, "labelled points of each training frame", least=1)
@@ -209,6 +207,14 @@ class TrainedMethod(Method):
     def terms(self, field: "Field", scene: "Scene") -> "list[Term]":
         """Further losses of the method itself."""
         return []
+
+
+@dataclass(frozen=True)
+class NetworkMethod(TrainedMethod):
+    """A trained method whose field is a network of layers."""
+
+    width: int = setting(96, "units of a hidden layer", least=1, most=WIDEST)
+    depth: int = setting(5, "linear layers", least=2, most=WIDEST)
 
     def restored(self, character: "Character", state: "Mapping[str, np.ndarray]", header: Mapping[str, Any]) -> "Field":
         """As `Method.restored`; nothing is built larger than what the file holds."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from nilbs.methods.base import TrainedMethod, setting
+from nilbs.methods.base import NetworkMethod, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,7 +33,7 @@ MOST_CELLS, MOST_WEIGHT_CELLS = 2**30, 2**27
 
 
 @dataclass(frozen=True)
-class InverseSkinning(TrainedMethod):
+class InverseSkinning(NetworkMethod):
     """A field that finds the canonical point of a posed point, and reads distance there from a cache."""
 
     mappings: ClassVar[Mapping[str, str]] = MAPPINGS
@@ -131,7 +131,7 @@ class InverseSkinning(TrainedMethod):
     def restored(
         self, character: "Character", state: "Mapping[str, np.ndarray]", header: Mapping[str, Any]
     ) -> "SearchField":
-        """As `TrainedMethod.restored`; the grids are those of the file."""
+        """As `NetworkMethod.restored`; the grids are those of the file."""
         from nilbs.fields.rest_state import check_rest_state, checked_spacing
 
         self.check_layers(state)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from nilbs.methods.base import WIDEST, TrainedMethod, setting
+from nilbs.methods.base import WIDEST, NetworkMethod, setting
 
 if TYPE_CHECKING:
     from nilbs.characters.character import Character
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Mlp(TrainedMethod):
+class Mlp(NetworkMethod):
     """Multilayer perceptron from a posed point and the pose parameters to the logit of occupancy.
 
     The unstructured baseline of the papers on articulated fields [1]_: nothing in it moves rigidly, so it has to learn

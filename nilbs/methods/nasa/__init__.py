@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from nilbs.methods.base import WIDEST, TrainedMethod, setting
+from nilbs.methods.base import WIDEST, NetworkMethod, setting
 
 if TYPE_CHECKING:
     from nilbs.characters.character import Character
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Nasa(TrainedMethod):
+class Nasa(NetworkMethod):
     """Neural articulated shape approximation [1]_: O(x | theta) = max_b O_b(B_b^-1 x | theta).
 
     Layers, residual connections and leaky units are those of the authors' code (tensorflow/graphics, projects/nasa).

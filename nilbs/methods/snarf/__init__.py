@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from nilbs.methods.base import WIDEST, TrainedMethod, setting
+from nilbs.methods.base import WIDEST, NetworkMethod, setting
 
 if TYPE_CHECKING:
     from nilbs.characters.character import Character
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Snarf(TrainedMethod):
+class Snarf(NetworkMethod):
     """Differentiable forward skinning [1]_: learned rest weights, and roots by Broyden's method from every bone.
 
     Details that the paper leaves open are those of its authors' code.
