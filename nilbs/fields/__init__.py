@@ -1,1 +1,1 @@
-"""Fields of posed characters, in torch: one method a file, and one training loop that knows no method."""
+"""Fields of posed characters, in torch: what methods share, and one training loop for all."""

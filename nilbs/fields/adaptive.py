@@ -1,4 +1,4 @@
-"""Which labelled points a training step sees: more of those that the field still gets wrong."""
+"""Which labelled points a training step takes: more of those that the field still gets wrong."""
 
 from collections.abc import Callable
 
@@ -10,13 +10,8 @@ from torch import Tensor
 class AdaptiveSampler:
     """Draws of (frame, point) pairs, half of them uniform and half in proportion to the field's last known error.
 
-    Most points around a character are easily told to be outside; the few that a smooth weight network maps into the
-    body are rare, and a uniform draw hardly ever meets them.
-
-    Parameters
-    ----------
-    frames, points : int
-        Size of the pool: points of each frame.
+    Most points around a character are easily outside; the few that a smooth weight network maps into the body by
+    mistake are rare, and a uniform draw hardly ever takes them.
     """
 
     def __init__(self, frames: int, points: int) -> None:
@@ -24,19 +19,14 @@ class AdaptiveSampler:
         self.forget()
 
     def forget(self) -> None:
-        """Draw all points uniformly, as before the first look."""
+        """Draw all points uniformly, as before the first update."""
         self.mass = np.ones((self.frames, self.points))
         self._accumulate()
 
     def refresh(self, error: Callable[[int, slice], Tensor], seen: slice = slice(None)) -> None:
-        """Look at points of the pool again; what was seen before is forgotten.
+        """Draw by the errors of points `seen` of each frame from now on; the others are drawn uniformly only.
 
-        Parameters
-        ----------
-        error : function of int and slice
-            Non-negative errors of these points of a frame.
-        seen : slice
-            Which points of each frame to look at; the others are drawn uniformly only.
+        `error` returns the non-negative errors of these points of a frame.
         """
         with torch.no_grad():
             found = np.stack([error(frame, seen).cpu().numpy() for frame in range(self.frames)]).astype(np.float64)

@@ -19,8 +19,8 @@ class RestCache(nn.Module):
     Parameters
     ----------
     values : (s,) tensor
-        Values at the nodes of the grid, and then, division by division, at those of every brick, by which interpolation
-        tells signed distance, negative inside; see `nilbs.geometry.rest_grids.distance_bricks`.
+        Values at the nodes of the grid, and then, division by division, at those of every brick, whose interpolation
+        is signed distance, negative inside; see `nilbs.geometry.rest_grids.distance_bricks`.
     brick : (n_1 - 1, .., n_d - 1) int tensor
         Number of a cell's brick, the nodes that it is divided by, among those of the first division; -1 for none.
     finer : (c,) int tensor
@@ -75,7 +75,7 @@ class RestCache(nn.Module):
         cells = self.brick.shape
         position = (x_rest - self.origin) / self.spacing
         last = torch.tensor(cells, dtype=x_rest.dtype, device=x_rest.device)
-        # A nan (no rest image) must not become an index; it comes out as nan again through the interpolation weights.
+        # A nan (no canonical point) must not become an index; the interpolation weights make it nan again.
         inside = torch.minimum(position.clamp_min(0), last)
         cell = torch.minimum(torch.nan_to_num(inside.detach()).floor(), last - 1)
         fraction = inside - cell

@@ -5,27 +5,12 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-# Where a determinant is smaller it is held at this, which sends the solution far away instead of nowhere.
+# A smaller determinant is held at this, so that the solution lies far away instead of being undefined.
 SMALLEST = 1e-4
 
 
 def cramer(columns: Sequence[Tensor], y: Tensor, *, dim: int) -> Tensor:
-    """Solutions z of sum_i z_i columns_i = y.
-
-    Parameters
-    ----------
-    columns : two or three tensors
-        Columns of the matrices, as many as `dim` is long.
-    y : tensor
-        Right-hand sides, of the columns' shape.
-    dim : int
-        The dimension that holds the equations; the others are a batch.
-
-    Returns
-    -------
-    z : tensor
-        Of the batch's shape, with the unknowns last.
-    """
+    """Solutions z of sum_i z_i columns_i = y, the unknowns last; `dim` holds the equations, all else is a batch."""
     if len(columns) == 2:
         (a, c), (b, e), (u, v) = (vector.unbind(dim) for vector in (*columns, y))
         det = a * e - b * c
@@ -42,20 +27,7 @@ def cramer(columns: Sequence[Tensor], y: Tensor, *, dim: int) -> Tensor:
 
 
 def determinant(columns: Sequence[Tensor], *, dim: int) -> Tensor:
-    """Determinants of matrices.
-
-    Parameters
-    ----------
-    columns : two or three tensors
-        Columns of the matrices, as many as `dim` is long.
-    dim : int
-        The dimension that holds the rows; the others are a batch.
-
-    Returns
-    -------
-    determinant : tensor
-        Of the batch's shape.
-    """
+    """Determinants of matrices given by their columns; `dim` holds the rows, all else is a batch."""
     if len(columns) == 2:
         (a, c), (b, e) = (vector.unbind(dim) for vector in columns)
         return a * e - b * c

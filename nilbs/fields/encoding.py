@@ -1,4 +1,4 @@
-"""How a network is told of a point and a pose: both encodings of the paper's section "Pose representation"."""
+"""What a network sees of a point and a pose: both encodings of the paper's section "Pose representation"."""
 
 import torch
 from torch import Tensor, nn
@@ -9,12 +9,7 @@ from nilbs.fields.kinematics import local_angles
 class LocalEncoding(nn.Module):
     """The point in every bone's local coordinates, B_b^-1 x - c_b, whatever rig moves the bones.
 
-    Each bone's frame is its rest frame, moved along with the bone.
-
-    Parameters
-    ----------
-    centers : (b, d) tensor
-        First joint of every bone at rest.
+    `centers` (b, d) are the first joints of the bones at rest. A bone's frame is its rest frame, moved along with it.
     """
 
     centers: Tensor
@@ -32,15 +27,7 @@ class LocalEncoding(nn.Module):
 
 
 class ParameterEncoding(nn.Module):
-    """The point as it is, and after it the pose parameters: every bone's local rotation, one angle or a vector.
-
-    Parameters
-    ----------
-    P : (b,) tensor
-        Parent bones, -1 at a root.
-    d : int
-        Dimension.
-    """
+    """The point, and after it the pose parameters: every bone's local rotation, one angle or a vector."""
 
     P: Tensor
 

@@ -8,25 +8,10 @@ from nilbs.fields.newton import ForwardMap, Roots
 
 
 def fixed_point(x: Tensor, start: Tensor, field: ForwardMap, blends: Tensor, *, iterations: int) -> Roots:
-    """Rest points that eq. 5 leaves where they are: x_rest = [W(x_rest) B]^-1 x.
+    """Rest points that eq. 5 leaves where they are, x_rest = [W(x_rest) B]^-1 x, from starts (n, d).
 
-    Parameters
-    ----------
-    x : (n, d) tensor
-        Posed points.
-    start : (n, d) tensor
-        Where to begin.
-    field : ForwardField or ForwardNetwork
-    blends : (rows, d (d+1)) tensor
-        Of the pose.
-    iterations : int
-        How often the weights are looked up anew; there is one look-up more.
-
-    Returns
-    -------
-    roots : Roots
-        The best places met. Where the map x_rest -> [W(x_rest) B]^-1 x does not contract it leads nowhere. Whether
-        space is inside out there takes a derivative, which is not asked for: `inverted` is false.
+    Returns the best points met. Where the map x_rest -> [W(x_rest) B]^-1 x is no contraction the iteration fails.
+    Whether space is inside out there is not computed, because it takes a derivative: `inverted` is false.
     """
     d = x.shape[-1]
     with torch.no_grad():

@@ -11,7 +11,7 @@ SMALLEST = 1e-4
 
 
 class Forward(NamedTuple):
-    """Where rest points go: posed points (n, d), and the derivative (n, d, d) of posed by rest coordinates."""
+    """Images (n, d) of rest points, and the derivative (n, d, d) of posed by rest coordinates."""
 
     x: Tensor
     jacobian: Tensor
@@ -67,37 +67,14 @@ class ForwardField(nn.Module):
         return self.origin + self.spacing * index
 
     def blends(self, B: Tensor) -> Tensor:
-        """Blended transforms of all rows for one pose.
-
-        Parameters
-        ----------
-        B : (b, d+1, d+1) tensor
-            Pose, rest to posed.
-
-        Returns
-        -------
-        blends : (rows, d (d+1)) tensor
-            The upper rows of every blend, one after the other.
-        """
+        """Blended transforms (rows, d (d+1)) of all rows in a pose: the upper rows, one after the other."""
         d = B.shape[-1] - 1
         return nn.functional.embedding_bag(
             self.bone, B[:, :d].reshape(len(B), -1), self.first[:-1], mode="sum", per_sample_weights=self.weight
         )
 
     def pose(self, x_rest: Tensor, blends: Tensor) -> Forward:
-        """Posed places of rest points.
-
-        Parameters
-        ----------
-        x_rest : (n, d) tensor
-            Rest points; beyond the grid they move with its border.
-        blends : (rows, d (d+1)) tensor
-            Of `blends`.
-
-        Returns
-        -------
-        forward : Forward
-        """
+        """Images of rest points (n, d) and their derivatives; points beyond the grid move with its border."""
         n, d = x_rest.shape
         corners, near = self._corners(x_rest, blends)
         # Along one axis after the other: value and derivatives so far, each over the axes that are left.
@@ -134,22 +111,7 @@ class ForwardField(nn.Module):
 
 
 def packed_weights(node: np.ndarray, W_node: np.ndarray, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
-    """Weights at some nodes of a grid, as a `ForwardField` holds them.
-
-    Parameters
-    ----------
-    node : (s,) int array
-        Nodes whose weights are known, as indices among all.
-    W_node : (s, b) float array
-        Their weights; rows sum to one.
-    shape : tuple of int
-        Of the grid.
-
-    Returns
-    -------
-    arrays : dict
-        "row", "node", "bone", "weight" and "first".
-    """
+    """Weights (s, b) at nodes (s,) of a grid as `ForwardField` holds them: "row", "node", "bone", "weight", "first"."""
     from scipy.ndimage import distance_transform_edt
 
     known = np.zeros(shape, dtype=bool)

@@ -11,16 +11,7 @@ from nilbs.fields.forward import Forward, affine
 class ForwardNetwork(nn.Module):
     """Forward skinning x = sum_b W_b(x_rest) B_b x_rest with weights from a multilayer perceptron and a softmax.
 
-    It answers as `ForwardField` does, so that a root search may go on either.
-
-    Parameters
-    ----------
-    d : int
-        Dimension.
-    bones : int
-        How many bones.
-    width, depth : int
-        Units of a hidden layer, and number of linear layers.
+    A root search can use it in place of `ForwardField`.
     """
 
     def __init__(self, d: int, bones: int, *, width: int = 96, depth: int = 5) -> None:

@@ -56,20 +56,10 @@ def forward_kinematics(C: Tensor, BE: np.ndarray, P: np.ndarray, theta: Tensor) 
 
 
 def local_angles(B: Tensor, P: Tensor) -> Tensor:
-    """Rotation of every bone relative to its parent, read from a pose.
+    """Rotation (p, b, 1) or (p, b, 3) of every bone relative to its parent in poses (p, b, d+1, d+1), in radians.
 
-    Parameters
-    ----------
-    B : (p, b, d+1, d+1) tensor
-        Poses, rest to posed.
-    P : (b,) int tensor
-        Parent bones, -1 at a root.
-
-    Returns
-    -------
-    theta : (p, b, 1) or (p, b, 3) tensor
-        An angle in the plane, a rotation vector in space, in radians. Of transforms that are no rotations it is about
-        what their rotation is; half a turn in space has no sense of its own, and what is near it may take the other.
+    Of transforms that are no rotations it is about what their rotation is. Half a turn in space has two signs; near it
+    either may be returned.
     """
     d = B.shape[-1] - 1
     R = B[..., :d, :d]

@@ -16,23 +16,7 @@ class EncodedNetwork(nn.Module):
     """Multilayer perceptron on posed points and their poses.
 
     Both encodings of a pose are affine in the query, and so is the first layer: for a given pose the two fold into one
-    small matrix, and a query never visits the encoding's numbers.
-
-    Parameters
-    ----------
-    encoding : LocalEncoding or ParameterEncoding
-        What it is told of a point and a pose.
-    outputs : int
-        How many numbers it answers.
-    width : int
-        Units of a hidden layer.
-    depth : int
-        Linear layers, the first and the last included.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two layers.
+    small matrix, and a query never visits the encoding's numbers. `depth` counts all linear layers, at least 2.
     """
 
     def __init__(self, encoding: LocalEncoding | ParameterEncoding, outputs: int, *, width: int, depth: int) -> None:
@@ -54,17 +38,9 @@ class EncodedNetwork(nn.Module):
 
 
 class WeightNetwork(EncodedNetwork):
-    """W(x | theta), with one output for each bone and one for the ghost bone.
+    """W(x | theta), with one output for each bone and, last, one for the ghost bone.
 
-    Parameters
-    ----------
-    encoding : LocalEncoding or ParameterEncoding
-    bones : int
-        How many bones.
-    width, depth : int
-        As of an `EncodedNetwork`.
-    ghost : bool
-        Whether there is a ghost bone; without one its weight is always zero.
+    Without a ghost bone its weight is always zero.
     """
 
     def __init__(
@@ -80,32 +56,13 @@ class WeightNetwork(EncodedNetwork):
         self.ghost = ghost
 
     def forward(self, x: Tensor, B: Tensor) -> Tensor:
-        """Logits of the weights.
-
-        Parameters
-        ----------
-        x : (p, n, d) tensor
-            Posed points, n for each pose.
-        B : (p, b, d+1, d+1) tensor
-            Poses, rest to posed.
-
-        Returns
-        -------
-        logits : (p, n, b+1) tensor
-            Softmax of the last dimension gives the weights; the ghost bone comes last.
-        """
+        """Logits (p, n, b+1) of the weights at points (p, n, d) in poses (p, b, d+1, d+1)."""
         logits = super().forward(x, B)
         return logits if self.ghost else nn.functional.pad(logits, (0, 1), value=NEVER)
 
 
 class NetworkField(Field):
-    """Occupancy by a network whose only output is its logit.
-
-    Parameters
-    ----------
-    network : EncodedNetwork
-        With one output.
-    """
+    """Occupancy by a network whose only output is its logit."""
 
     def __init__(self, network: EncodedNetwork) -> None:
         super().__init__()

@@ -15,10 +15,10 @@ SHORTER = 0.3  # a step that led farther away is taken again, this much shorter
 
 
 class ForwardMap(Protocol):
-    """What a search goes on: `ForwardField` or `ForwardNetwork`."""
+    """What a search inverts: `ForwardField` or `ForwardNetwork`."""
 
     def blends(self, B: Tensor) -> Tensor:
-        """What a pose (b, d+1, d+1) is to the other two."""
+        """What the other two take of a pose (b, d+1, d+1)."""
 
     def blend(self, x_rest: Tensor, blends: Tensor) -> Tensor:
         """Blended transforms (n, d, d+1) at rest points (n, d)."""
@@ -28,18 +28,9 @@ class ForwardMap(Protocol):
 
 
 class Roots(NamedTuple):
-    """Where a search ended, and what it took.
+    """Where searches ended: the best points (n, d), their residuals (n,), whether space is inside out there (n,).
 
-    Attributes
-    ----------
-    x_rest : (n, d) tensor
-        The best places met.
-    residual : (n,) tensor
-        How far their images miss.
-    inverted : (n,) bool tensor
-        Whether the forward map turns space inside out there.
-    evaluations : int
-        Look-ups of the forward field.
+    `evaluations` counts the look-ups of the forward field.
     """
 
     x_rest: Tensor
@@ -51,31 +42,11 @@ class Roots(NamedTuple):
 def newton(
     x: Tensor, start: Tensor, field: ForwardMap, blends: Tensor, *, iterations: int, accuracy: float | None = None
 ) -> Roots:
-    """Rest points that forward skinning sends to posed points.
+    """Rest points that forward skinning maps to posed points (n, d), by Newton's method from starts (n, d).
 
-    Parameters
-    ----------
-    x : (n, d) tensor
-        Posed points.
-    start : (n, d) tensor
-        Where to begin.
-    field : ForwardField or ForwardNetwork
-    blends : (rows, d (d+1)) tensor
-        Of the pose.
-    iterations : int
-        The most steps; each looks the field up once, and there is one look-up more.
-    accuracy : float
-        Points that miss by less are done; by default a hundred times the precision of x.
-
-    Returns
-    -------
-    roots : Roots
-        The best places met, without a graph of derivatives.
-
-    Notes
-    -----
-    Newton's method on the piecewise multilinear forward map, whose exact derivative comes with its value. A step is no
-    longer than a tenth of the body, and one that leads farther away is taken back and made shorter.
+    The forward map is piecewise multilinear and its exact derivative comes with its value. A step is no longer than a
+    tenth of the body, and one that leads farther away is taken back and made shorter. Points with a residual below
+    `accuracy`, by default a hundred times the precision of x, are done. The result has no graph of derivatives.
     """
     if accuracy is None:
         accuracy = 100 * torch.finfo(x.dtype).eps
@@ -106,23 +77,11 @@ def newton(
 
 
 def implicit(x: Tensor, root: Tensor, field: ForwardMap, blends: Tensor) -> Tensor:
-    """Roots as functions of the posed points and of the pose.
+    """Roots (n, d) as functions of the posed points and of the pose.
 
-    Parameters
-    ----------
-    x : (n, d) tensor
-        Posed points.
-    root : (n, d) tensor
-        Their rest images, found without a graph.
-    field : ForwardField or ForwardNetwork
-    blends : (rows, d (d+1)) tensor
-        Of the pose, with a graph where derivatives by it are wanted.
-
-    Returns
-    -------
-    x_rest : (n, d) tensor
-        The same places, one Newton step on, with first derivatives by the implicit function theorem:
-        d x_rest = J^-1 (d x - d posed), J being the derivative of posed by rest coordinates.
+    They are the same points, one Newton step on, with first derivatives by the implicit function theorem: d x_rest =
+    J^-1 (d x - d posed), J being the derivative of posed by rest coordinates. `blends` carries the graph where
+    derivatives by the pose are wanted.
     """
     posed, jacobian = field.pose(root.detach(), blends)
     return root.detach() + cramer(jacobian.detach().unbind(-1), x - posed, dim=-1)

@@ -14,23 +14,10 @@ REFRESH = 500
 
 
 class Objective:
-    """Sum of losses at a training step.
+    """Sum of losses at a training step; a step's batch depends on the seed and on the step alone.
 
-    The occupancy loss may look at the field's error on its points every `REFRESH` steps.
-
-    Parameters
-    ----------
-    occupancy : OccupancyTerm, optional
-        The loss that all methods share.
-    *others : Term
-        A method's own losses.
-    seed : int
-        A step's batch depends on this and on the step alone.
-
-    Attributes
-    ----------
-    memory : int
-        A training may be continued at multiples of so many steps: between them the loss depends on what was looked at.
+    The occupancy loss may look at the field's error on its points every `REFRESH` steps. Between two looks the loss
+    depends on the last one, so that a training may be continued at multiples of `memory` steps only.
     """
 
     def __init__(self, occupancy: OccupancyTerm | None, *others: Term, seed: int) -> None:

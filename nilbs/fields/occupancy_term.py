@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from nilbs.fields.adaptive import AdaptiveSampler
 from nilbs.fields.samples import OccupancySamples
 
-# Points that are looked at together; bounds the memory of methods that ask every bone for every point.
+# Points of one look that are evaluated together; bounds the memory of methods that visit every bone.
 LOOK = 4096
-# Every how many-th point a look takes: it is to cost little beside the steps between two, whatever the field.
+# A look takes every fourth point, so that it costs little beside the steps between two.
 LOOKS = 4
 
 
@@ -26,19 +26,11 @@ class OccupancyTerm:
         The motion's frames, in the field's precision and on its device.
     labelled : OccupancySamples
         Points of those frames.
-    poses_per_step, points_per_pose : int
-        Size of a step's batch.
-    factor : float
-        Factor of the loss.
     adaptive : bool
-        Whether half of the points are drawn in proportion to the field's error on them when it was last looked at.
+        Whether half of the points are drawn in proportion to the field's error on them at the last look; `looks` says
+        so.
     absolute : bool
-        Whether occupancies are compared by their absolute difference, as in the paper, and not by cross-entropy.
-
-    Attributes
-    ----------
-    looks : bool
-        Whether a batch depends on what was last looked at.
+        Whether occupancies are compared by their absolute difference, as in the paper, instead of cross-entropy.
     """
 
     def __init__(
@@ -64,7 +56,7 @@ class OccupancyTerm:
     def look(self, turn: int) -> None:
         """Look at the field's error on a part of the points; the turns take the parts one after the other.
 
-        Turn 0 forgets all looks instead: a field that has not learned has nothing to show.
+        Turn 0 forgets all looks instead, because an untrained field has no errors worth following.
         """
         if turn == 0:
             self.sampler.forget()

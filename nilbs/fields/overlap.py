@@ -1,4 +1,4 @@
-"""Which parts of the body lie at a posed place: candidates for its rest images, one from each part."""
+"""Which parts of the body lie at a posed point: starts for its canonical points, one from each part."""
 
 import torch
 from torch import Tensor
@@ -8,9 +8,9 @@ from nilbs.fields.forward import affine
 # Edge of a posed cell in cells at rest: wide enough that a body stretched to twice its length leaves none empty.
 CELL = 2.25
 # In the same: nodes this far apart at rest are of different parts. Nearer ones, down to the second figure, may be of
-# one that folds, and are told where there is room.
+# one that folds, and stay where there is room.
 APART, NEAR = 4.0, 2.0
-PARTS = 6  # the most parts told of one cell
+PARTS = 6  # the most parts of one cell
 # The most cells along an edge of the grid around the posed body, however far a pose stretches it.
 CELLS = 128
 
@@ -19,12 +19,12 @@ class Overlap:
     """Parts of the body in the cells of a grid around it, for one pose.
 
     Nodes of the rest grid are posed once and sorted into cells; of the nodes in a cell a few stay that lie apart at
-    rest. Where the body neither overlaps nor folds itself those are near each other.
+    rest. Where the body neither overlaps nor folds itself all are near each other and one stays.
 
     Parameters
     ----------
     x_rest : (s, d) tensor
-        Nodes in the body and just beyond its skin; of those that lie near each other the first is told.
+        Nodes in the body and just beyond its skin; of those that lie near each other the first stays.
     blends : (s, d (d+1)) tensor
         Their blended transforms.
     spacing : float
@@ -46,7 +46,7 @@ class Overlap:
         self.cell[known] = torch.arange(len(known), device=x.device)
         parts = torch.full((len(known), PARTS, d), torch.nan, dtype=x.dtype, device=x.device)
         left = torch.arange(len(x), device=x.device)
-        away = torch.full((len(x),), torch.inf, dtype=x.dtype, device=x.device)  # from all that are told of the cell
+        away = torch.full((len(x),), torch.inf, dtype=x.dtype, device=x.device)  # from all that stay in the cell
         for part in range(PARTS):
             # The first that is apart, or else the first that is not near.
             rank = left + torch.where(away[left] > APART * spacing, 0, len(x))

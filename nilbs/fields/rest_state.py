@@ -139,7 +139,7 @@ def check_rest_state(state: Mapping[str, np.ndarray], character: Character) -> N
     )  # fmt: skip
     if any(indices.dtype != np.int32 for indices in (brick, finer, row, node, bone, first)):
         raise ValueError("brick, finer, row, node, bone and first must be stored as 32-bit integers")
-    # What bricks there are is told by their numbers, and is checked where they are read.
+    # RestCache checks how many bricks there are.
     if min(brick.min(), finer.min(initial=-1)) < -1:
         raise ValueError("a brick of the rest cache has a number below -1")
     steps = np.diff(first.astype(np.int64))

@@ -15,14 +15,9 @@ from nilbs.geometry.winding import occupancy
 
 @dataclass(frozen=True)
 class OccupancySamples:
-    """Points around the posed mesh of each frame, and whether they are inside.
+    """Points x (t, m, d) around the posed mesh of each frame, and whether each is inside (t, m).
 
-    Attributes
-    ----------
-    x : (t, m, d) float array
-        Points around the posed mesh; see `occupancy_samples`.
-    inside : (t, m) bool array
-        Truth: absolute winding number of the posed mesh above one half.
+    Inside means an absolute winding number of the posed mesh above one half.
     """
 
     x: np.ndarray
@@ -31,15 +26,7 @@ class OccupancySamples:
 
 @dataclass(frozen=True)
 class RestSamples:
-    """Rest points and their skinning weights.
-
-    Attributes
-    ----------
-    x_rest : (m, d) float32 array
-        Rest points.
-    W : (m, b) float32 array
-        Their weights.
-    """
+    """Rest points x_rest (m, d) and their skinning weights W (m, b)."""
 
     x_rest: np.ndarray
     W: np.ndarray
@@ -55,25 +42,11 @@ def occupancy_samples(
     noise: float | None,
     rng: np.random.Generator,
 ) -> OccupancySamples:
-    """Label n points of every posed frame.
+    """Label n points of every posed frame of B.
 
-    Parameters
-    ----------
-    V, F, W : arrays
-        Rest vertices (k, d), facets (m, d) and skinning weights (k, b).
-    B : iterable of (b, d+1, d+1) float arrays
-        Poses; one that shows progress is welcome.
-    n : int
-        Points a frame.
-    noise : float, optional
-        Half of the points are surface samples moved by this standard deviation, in mesh units, a quarter by eight times
-        it, and a quarter are uniform in the cube around the posed mesh. None: all are uniform there, as in the paper.
-    rng : numpy.random.Generator
-        Where chance comes from.
-
-    Returns
-    -------
-    samples : OccupancySamples
+    Half of the points are surface samples moved by normal noise of this standard deviation, in mesh units, a quarter by
+    eight times it, and a quarter are uniform in the cube around the posed mesh. Without noise all are uniform there, as
+    in the paper.
     """
     points, inside = [], []
     for pose in B:
@@ -106,25 +79,10 @@ def volume_samples(
     shell: float,
     rng: np.random.Generator,
 ) -> RestSamples:
-    """Rest points inside the volume, and in a thin shell around the surface, with their weights.
+    """N rest points with their weights, half in the volume and half in a thin shell around the surface.
 
-    Parameters
-    ----------
-    V, F, W : arrays
-        Rest surface and its weights, (k, d), (m, d) and (k, b).
-    V_volume, T, W_volume : arrays
-        Volume mesh and its weights, (k', d), (t, d+1) and (k', b).
-    n : int
-        How many points.
-    shell : float
-        Standard deviation of the distance from the surface, in mesh units, of points taken along its normals; they have
-        the weights of the surface point that they left.
-    rng : numpy.random.Generator
-        Where chance comes from.
-
-    Returns
-    -------
-    samples : RestSamples
+    Points of the shell lie on normals of the surface, at normal distances of standard deviation `shell` in mesh units;
+    they have the weights of the surface point that they left.
     """
     solid = n // 2
     base, facet = facet_samples(V, F, n - solid, rng=rng)

@@ -1,4 +1,4 @@
-"""One training loop for every method: it knows parameters, a loss and a step number, and nothing of what they mean."""
+"""One training loop for every method, of parameters, a loss and a step number."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,14 +19,8 @@ MUON_RATE = 2.0
 class TrainingState:
     """All that a training needs in order to go on as if it had never stopped.
 
-    Attributes
-    ----------
-    step : int
-        Steps done.
-    tensors : dict of str to array
-        Parameters and the optimiser's moments.
-    history : (step,) float array
-        Loss at each step done.
+    `step` counts the steps done, `tensors` are the parameters and the optimisers' moments, `history` (step,) the
+    losses.
     """
 
     step: int
@@ -65,12 +59,8 @@ def train(
     state : TrainingState, optional
         Where to go on from.
     save : function of TrainingState, optional
-        Called with the state at a multiple of `save_every` steps: the first such step after each `save_seconds`, and
-        one of the last second, or the last one, when the training is interrupted.
-    save_every : int
-        Steps between states that a training may be continued from.
-    save_seconds : float
-        Seconds between saves.
+        Called with the state at a multiple of `save_every` steps, every `save_seconds` and when the training is
+        interrupted.
     progress : bool
         Show a bar with loss, rate and time left on standard error.
 

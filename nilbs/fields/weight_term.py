@@ -16,12 +16,8 @@ from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 class RandomPoses:
     """Poses drawn while training: each bone but the roots turned about a random axis.
 
-    Attributes
-    ----------
-    C, BE, P : arrays
-        The skeleton, in the field's frame.
-    std : float
-        Largest standard deviation of the angle, in radians; each pose draws its own between zero and this.
+    C, BE and P are the skeleton in the field's frame; each pose draws the standard deviation of its angles, in radians,
+    between zero and `std`.
     """
 
     C: np.ndarray
@@ -39,27 +35,21 @@ class RandomPoses:
 class WeightTerm:
     """Cross-entropy between a network's weights and known ones at rest points that skinning has posed.
 
-    The posed point's weights are those of the rest point it came from, in any pose; where `random_poses` are given,
-    half of the poses are drawn at random. The paper's own loss is the special case of the rest pose and the rest
-    vertices.
+    A posed point has the weights of the rest point it came from, in any pose; if `random_poses` are given, half of the
+    poses are random. The paper's own loss is the special case of the rest pose and the rest vertices.
 
     Parameters
     ----------
     field : InverseField
         What is trained.
     poses : (t, b, d+1, d+1) tensor, optional
-        The motion's frames. None poses nothing: rest points are supervised in the rest pose.
+        The motion's frames; None supervises rest points in the rest pose.
     rest : RestSamples
         Rest points with known weights.
     random_poses : RandomPoses, optional
-        Where half of the poses come from.
-    poses_per_step, points_per_pose : int
-        Size of a step's batch.
-    factor : float
-        Factor of the cross-entropy.
-    position_loss : float
-        Factor of the mean distance (sum of absolute coordinates) by which the inverse map misses the rest points. A
-        wrong weight matters as much as the bones that it mixes lie apart; the cross-entropy alone does not know.
+    factor, position_loss : float
+        Factors of the cross-entropy, and of the mean distance (sum of absolute coordinates) by which the inverse map
+        misses the rest points: a wrong weight matters as much as its bones lie apart, which the cross-entropy ignores.
     """
 
     def __init__(
@@ -110,17 +100,7 @@ class WeightTerm:
 
 
 class ForwardWeightTerm:
-    """Cross-entropy between a forward network's weights and known ones at rest points.
-
-    Parameters
-    ----------
-    network : ForwardNetwork
-        What is trained.
-    rest : RestSamples
-        Rest points with known weights.
-    points : int
-        Size of a step's batch.
-    """
+    """Cross-entropy between a forward network's weights and known ones at so many rest points a step."""
 
     def __init__(self, network: ForwardNetwork, rest: RestSamples, *, points: int) -> None:
         like = next(network.parameters())

@@ -168,7 +168,7 @@ class TrainedMethod(Method):
 
     def resolved(self, character: "Character") -> Self:
         """With the number of steps that fits the number of bones."""
-        # More bones are harder to tell apart, and take longer.
+        # More bones are harder to separate, and take longer.
         return replace(self, steps=self.steps or min(1000 + 100 * len(character.skeleton.BE), 4000))
 
     @property
@@ -224,8 +224,8 @@ class NetworkMethod(TrainedMethod):
     def check_layers(self, state: "Mapping[str, np.ndarray]") -> None:
         """Raise ValueError if a file's tensors cannot hold layers of these sizes."""
         if self.width > max((max(a.shape, default=0) for a in state.values()), default=0):
-            raise ValueError(f"no layer is as wide as the settings say, {self.width}")
+            raise ValueError(f"no layer is as wide as its settings, {self.width}")
         if self.depth > len(state):
-            raise ValueError(f"there are fewer layers than the settings say, {self.depth}")
+            raise ValueError(f"there are fewer layers than in its settings, {self.depth}")
         if self.width**2 * (self.depth - 2) > sum(a.size for a in state.values()):
             raise ValueError(f"it holds less than {self.depth} layers of width {self.width}")

@@ -131,19 +131,19 @@ def evaluate(
         )
     _check_scores(model, rows, ious, distances=distances)
     frames = {name: evaluation_poses(model.character, model.motion, name, seed=seed) for name in poses}
-    asked = {row: _asked(model, row) for row in ("", *rows)}
-    results: dict[str, dict[str, list[dict[str, Any]]]] = {row: {name: [] for name in poses} for row in asked}
+    predictors = {row: _predictor(model, row) for row in ("", *rows)}
+    results: dict[str, dict[str, list[dict[str, Any]]]] = {row: {name: [] for name in poses} for row in predictors}
     controls: list[dict[str, dict[str, float]]] = []
-    seconds = dict.fromkeys(asked, 0.0)
+    seconds = dict.fromkeys(predictors, 0.0)
     total = sum(len(B) for B in frames.values())
     with tqdm(total=total, desc="scoring", unit="pose", disable=not progress, delay=2) as bar:
         for name, B in frames.items():
             for k, pose in enumerate(B):
                 stream = [seed, _STREAM, _pose_stream(name), k]
                 scene = _Scene.of(model.character, pose, points, resolution, noise, ious, stream)
-                if k == 0:  # one pose of a set is enough: the truth is asked for all of its points once more
+                if k == 0:  # one pose of a set is enough, because the truth is evaluated at all of its points again
                     controls.append(scene.controls())
-                for row, posed in asked.items():
+                for row, posed in predictors.items():
                     start = perf_counter()
                     prediction = posed(pose)
                     inside = scene.inside(prediction)
@@ -165,7 +165,7 @@ def evaluate(
                 kind: {score: float(np.mean([control[kind][score] for control in controls])) for score in ious}
                 for kind in (controls[0] if controls else ())
             },
-            # For 100,000 points of a pose, and their share of the time to be told it: half, where each of two sets has
+            # For 100,000 points of a pose, and their share of the setup of the pose: half, where each of two sets has
             # as many, and more where sets are smaller.
             "query_seconds": {
                 row: POINTS * spent / (len(ious) * points * max(total, 1))
@@ -270,7 +270,7 @@ class _Posed(Protocol):
     def extract_on(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]: ...
 
 
-def _asked(model: Model, row: str) -> Callable[[np.ndarray], _Posed | None]:
+def _predictor(model: Model, row: str) -> Callable[[np.ndarray], _Posed | None]:
     """A row's answers, by pose; the model's own is the row without a name. The floor has none of its own."""
     if row == "floor":
         return lambda pose: None
@@ -310,12 +310,12 @@ class _Scene:
         rng = np.random.default_rng([*stream, 1])
         bbox = uniform_samples(grid.lower, grid.upper, points, rng=rng)  # also where it is not scored: the stream's
         surface = near_surface_samples(U, c.F, points, std=noise * c.L, rng=rng)
-        asked = {name: x for name, x in (("iou_bbox", bbox), ("iou_surface", surface)) if name in ious}
-        true = {name: truth.inside(x) for name, x in asked.items()}
-        return cls(c, truth, grid, resolution, points, asked, true, stream)
+        scored = {name: x for name, x in (("iou_bbox", bbox), ("iou_surface", surface)) if name in ious}
+        true = {name: truth.inside(x) for name, x in scored.items()}
+        return cls(c, truth, grid, resolution, points, scored, true, stream)
 
     def controls(self) -> dict[str, dict[str, float]]:
-        """Scores of predictions whose scores are known: the truth asked anew, nothing, and its opposite."""
+        """Scores of predictions whose scores are known: the truth evaluated again, nothing, and its opposite."""
         again = {name: self.truth.inside(x).astype(np.float64) for name, x in self.points.items()}
         predictions = {
             "perfect": again,
@@ -325,7 +325,7 @@ class _Scene:
         return {kind: self._ious(_above_half(occupancies)) for kind, occupancies in predictions.items()}
 
     def inside(self, posed: _Posed | None) -> dict[str, np.ndarray]:
-        """What a prediction says of the points; the truth itself where there is none."""
+        """Which points a prediction has inside; the truth itself if there is no prediction."""
         if posed is None:
             return self.true
         return _above_half({name: posed.occupancy(x) for name, x in self.points.items()})
@@ -354,7 +354,7 @@ class _Scene:
 
 
 def _above_half(occupancies: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Which points are inside, by the occupancy that a prediction says."""
+    """Which points are inside, by predicted occupancies."""
     return {name: occupancy > 0.5 for name, occupancy in occupancies.items()}
 
 

@@ -23,7 +23,7 @@ from nilbs.methods.registry import method_of, values_of
 from nilbs.models.model import Model, torch_device
 
 CHECKPOINT_KIND = "nilbs checkpoint 4"
-# Steps that tell how long a step takes, and the part of the time after which fewer must do.
+# Steps of the trial that measures a step, and the share of the time after which fewer must do.
 TRIAL = 16
 TRIAL_PART = 0.1
 # That a time can have meant.
@@ -58,8 +58,8 @@ def fit(
     dtype : torch.dtype
         torch.float32 or torch.float64.
     minutes : float, optional
-        How long the steps may take together, in place of their number: as many are taken as a short trial says will
-        fit. The model's method then has that number, and a training with it gives the same model.
+        How long the steps may take together, instead of their number; a short trial measures how many will fit. The
+        model's method then has that number, and a training with it gives the same model.
     checkpoint : path, optional
         Where the training is saved while it runs; `remove_checkpoint` removes it when the model is safe.
     resume : bool
@@ -163,7 +163,7 @@ def _steps_within(seconds: float, field: Field, objective: Objective, learning_r
     initial = {name: tensor.clone() for name, tensor in field.state_dict().items()}
     start = perf_counter()
     count = 1
-    while True:  # the first steps of a process are slow, and say little
+    while True:  # the first steps of a process are slow
         began = perf_counter()
         train(field, objective, steps=count, learning_rate=learning_rate)
         now = perf_counter()

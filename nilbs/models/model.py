@@ -1,4 +1,4 @@
-"""A trained model: one object that answers for any point and any pose, and is kept in one file."""
+"""A trained model: one object that is queried at any point in any pose, and is kept in one file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,6 +28,15 @@ if TYPE_CHECKING:
 @dataclass
 class Model:
     """A trained field with the character and the motion that it was trained on.
+
+    All queries take
+
+    - x: (n, d) float array of posed points in mesh units, any number; they are evaluated in chunks of bounded memory;
+    - pose: (b, d+1, d+1) float array of bone transforms, rest to posed;
+    - mapping: the way to the canonical points, one of `method.mappings`; by default the method's own.
+
+    They raise ValueError if x or pose has another shape or a number that is not finite, a bone's transform is singular
+    or very far from the root, the method has no such mapping, or it has not what is queried.
 
     Attributes
     ----------
@@ -60,103 +69,36 @@ class Model:
 
     @property
     def root(self) -> int:
-        """Bone whose frame the field works in, and whose transform the ghost bone copies: the first root."""
+        """The first root bone: the field works in its frame, and the ghost bone copies its transform."""
         return root_bone(self.character)
 
     def posed(self, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True) -> PosedModel:
-        """The model in one pose, which is cheaper to ask again than the model itself.
+        """The model in one pose, which is cheaper to query repeatedly than the model itself.
 
-        Parameters
-        ----------
-        pose : (b, d+1, d+1) float array
-            Bone transforms, rest to posed.
-        mapping : str, optional
-            Way to the canonical points, one of `method.mappings`; by default the method's own.
-        ghost : bool
-            Whether the ghost bone takes part in the answers "inverse" (eq. 8) and "reverse"; without it this is eq. 7.
-
-        Returns
-        -------
-        posed : PosedModel
-
-        Raises
-        ------
-        ValueError
-            If the pose has another shape, a bone's transform is singular or absurdly far, or the method has no such
-            mapping.
+        Without the ghost bone (`ghost` False) the mappings "inverse" and "reverse" are eq. 7, with it eq. 8.
         """
         return PosedModel(self.character, self.method, self.field, pose, mapping=mapping, ghost=ghost)
 
     def occupancy(
         self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True
     ) -> np.ndarray:
-        """Occupancy of posed points.
-
-        Parameters
-        ----------
-        x : (n, d) float array
-            Posed points, in mesh units; any number, they are answered in chunks of bounded memory.
-        pose, mapping, ghost
-            As for `posed`.
-
-        Returns
-        -------
-        values : (n,) float array
-            Between 0 outside and 1 inside; a point is inside where the value is above one half.
-
-        Raises
-        ------
-        ValueError
-            If x or pose has another shape, a bone's transform is singular or absurdly far, or
-            the method has no such mapping.
-        """
+        """Occupancy (n,) of posed points: between 0 outside and 1 inside; above one half is inside."""
         return self.posed(pose, mapping=mapping, ghost=ghost).occupancy(x)
 
     def distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
-        """Signed distance of the *rest* shape at the canonical points of posed points.
+        """Signed distance (n,) of the *rest* shape at the canonical points, in mesh units, negative inside.
 
-        Where skinning stretches, the two differ by the stretch. The sign always agrees with `occupancy`: a point
-        without a canonical point, or one that the ghost bone overrules, is outside. Its absolute value is the unsigned
-        distance.
-
-        Parameters
-        ----------
-        x, pose, mapping
-            As for `occupancy`.
-
-        Returns
-        -------
-        distance : (n,) float array
-            In mesh units, negative inside.
-
-        Raises
-        ------
-        ValueError
-            As `occupancy`; or if the method has no distance.
+        Where skinning stretches, it differs from the distance in the pose by the stretch. The sign always agrees with
+        `occupancy`: a point without a canonical point, or one that the ghost bone overrules, is outside.
         """
         return self.posed(pose, mapping=mapping).distance(x)
 
     def posed_distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
-        """Signed distance of posed points in the posed frame, to first order.
+        """Signed distance (n,) in the posed frame to first order, in mesh units, negative inside; of the method nilbs.
 
-        The distance at rest times the local stretch: the length of its gradient by the canonical point over that by the
-        posed point. Exact to first order at the skin, however it is stretched, and for any similarity.
-
-        Parameters
-        ----------
-        x, pose, mapping
-            As for `occupancy`.
-
-        Returns
-        -------
-        distance : (n,) float array
-            In mesh units, negative inside. Where there is no gradient (no canonical point, the middle of a limb) it is
-            that at rest.
-
-        Raises
-        ------
-        ValueError
-            As `occupancy`; or if the method is not "nilbs".
+        It is the distance at rest times the local stretch: the length of its gradient by the canonical point over that
+        by the posed point. Exact to first order at the skin, however it is stretched, and for any similarity. Where
+        there is no gradient (no canonical point, the middle of a limb) it is the distance at rest.
         """
         return self.posed(pose, mapping=mapping).posed_distance(x)
 
@@ -169,90 +111,34 @@ class Model:
         outside: float = np.nan,
         mapping: str | None = None,
     ) -> np.ndarray:
-        """Values of any field that is known at rest, read at the canonical points of posed points (eq. 7).
+        """Values (n, ...) of any field of the rest pose at the canonical points of posed points (eq. 7).
 
         Parameters
         ----------
         rest_field : function of (n, d) float arrays
-            Rest points in mesh units to values (n, ...): a colour, a density, a texture coordinate. Asked at the images
-            of points inside.
+            Rest points in mesh units to values (n, ...): a colour, a density, a texture coordinate. Evaluated for
+            points inside only.
         x, pose, mapping
-            As for `occupancy`.
+            As for all queries.
         outside : float
-            What points outside the posed character have.
-
-        Returns
-        -------
-        values : (n, ...) float array
-
-        Raises
-        ------
-        ValueError
-            As `occupancy`; or if the rest field has another number of values, or the method no canonical points.
+            Value of points outside the posed character.
         """
         return self.posed(pose, mapping=mapping).values(rest_field, x, outside=outside)
 
     def weights(self, x: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Weights that the network predicts for posed points.
-
-        Parameters
-        ----------
-        x, pose
-            As for `occupancy`.
-
-        Returns
-        -------
-        W : (n, b+1) float array
-            Rows sum to one; the last column is the ghost bone's.
-
-        Raises
-        ------
-        ValueError
-            As `occupancy`; or if the method is not "nilbs".
-        """
+        """Weights (n, b+1) that the network predicts for posed points, the ghost bone's last; rows sum to one."""
         return self.posed(pose).weights(x)
 
     def rest_points(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
-        """Rest images of posed points; where several points of the body are posed there, one that lies inside.
+        """Canonical points (n, d) in mesh units; where the body overlaps itself, one that lies inside.
 
-        Parameters
-        ----------
-        x, pose, mapping
-            As for `occupancy`.
-
-        Returns
-        -------
-        x_rest : (n, d) float array
-            In mesh units. A point without a canonical point has the place where its first search began: by default the
-            inverse map's; nan by the method "snarf".
-
-        Raises
-        ------
-        ValueError
-            As `occupancy`; or if the method has no canonical points.
+        Where there is none, it is the point where the first search started: by default that of the inverse map; by the
+        method snarf, nan.
         """
         return self.posed(pose, mapping=mapping).rest_points(x)
 
     def posed_points(self, x_rest: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Where the learnt forward map sends rest points (eq. 4).
-
-        Parameters
-        ----------
-        x_rest : (n, d) float array
-            Rest points, in mesh units, in the body or close to it.
-        pose
-            As for `posed`.
-
-        Returns
-        -------
-        x : (n, d) float array
-            In mesh units.
-
-        Raises
-        ------
-        ValueError
-            As `occupancy`; or if the method is not "nilbs".
-        """
+        """Images (n, d) of rest points (n, d), in or close to the body, under the learned forward map (eq. 4)."""
         return self.posed(pose).posed_points(x_rest)
 
     def extract(self, pose: np.ndarray, resolution: int = RESOLUTION) -> Surface:
@@ -260,8 +146,8 @@ class Model:
 
         Parameters
         ----------
-        pose : (b, d+1, d+1) float array
-            Bone transforms, rest to posed.
+        pose
+            As for all queries.
         resolution : int
             Cells along each edge of the cube around the posed character.
 
@@ -270,37 +156,27 @@ class Model:
         surface : Surface
             Vertices U (n, d), in mesh units, and facets F (m, d), triangles or edges, oriented outward:
             `U, F = model.extract(pose)`, or `model.extract(pose).to_trimesh()`.
-
-        Raises
-        ------
-        ValueError
-            As `occupancy`; or if the resolution is no whole number from 1 on or makes a grid too large.
         """
         U = linear_blend_skinning(self.character.V, self.character.W, pose)
         return self.posed(pose).extract_on(Grid.cube(U, resolution))
 
     def answer(self, x: torch.Tensor, pose: torch.Tensor, *, mapping: str | None = None) -> Answer:
-        """Answers in torch, differentiable by the points and by the pose.
+        """Level, distance and canonical points as tensors, differentiable by the points and by the pose.
 
         Parameters
         ----------
         x : (n, d) tensor
-            Posed points, in mesh units, on any device; answers are on the field's.
+            Posed points, in mesh units, on any device; the answer is on the field's.
         pose : (b, d+1, d+1) tensor
             Bone transforms, rest to posed.
         mapping
-            As for `posed`.
+            As for all queries.
 
         Returns
         -------
         answer : Answer
             In mesh units. Derivatives are of first order; those of a root follow from the implicit function theorem.
             The methods nearest, rigid-parts and mesh-lbs have none.
-
-        Raises
-        ------
-        ValueError
-            If the method has no such mapping, a shape, type or device does not fit, or a number is not finite.
         """
         d = self.character.d
         for name, tensor in (("x", x), ("pose", pose)):

@@ -147,9 +147,9 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
                 c.update({"field.inverse.cache.values": c["field.inverse.cache.values"][:9]}),
                 c.update({"field.inverse.cache.finer": c["field.inverse.cache.finer"][:9]}),
             ),
-            "no layer is as wide as the settings say, 4000",
+            "no layer is as wide as its settings, 4000",
         ),
-        (lambda c, t: t["settings"].update(depth=4000), "there are fewer layers than the settings say"),
+        (lambda c, t: t["settings"].update(depth=4000), "there are fewer layers than in its settings"),
         (
             lambda c, t: (
                 t["settings"].update(width=4096, depth=200),

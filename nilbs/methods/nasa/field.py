@@ -8,7 +8,7 @@ from nilbs.fields.encoding import LocalEncoding
 from nilbs.fields.field import CACHED, Field
 from nilbs.fields.samples import RestSamples
 
-# Slope of a unit where it is negative, and how many numbers a part is told of the pose: as in the authors' code.
+# Slope of a unit where it is negative, and how many numbers of the pose a part sees: as in the authors' code.
 LEAK = 0.1
 POSE_SIZE = 4
 # The weights of the point begin this much larger than a linear layer's: a part is some tenths of the body long, and
@@ -17,7 +17,7 @@ SHARPNESS = 6.0
 
 
 class NasaField(Field):
-    """Neural articulated shape approximation [1]_: O(x | theta) = max_b O_b(B_b^-1 x | theta).
+    """O(x | theta) = max_b O_b(B_b^-1 x | theta) [1]_; `Nasa` lists what differs from the paper.
 
     Each part has a network of its own, which sees the point in its bone's frame. In the rigid model that is all it
     sees, so a part moves with its bone and never bends. In the deformable model it also sees the pose, as four numbers
@@ -26,18 +26,15 @@ class NasaField(Field):
     The root joint t_0 is the first joint of the root bone, moved by that bone. In the unit frame the root stays where
     it is, and so does t_0; the field is the same for a character that is moved as a whole.
 
-    `nilbs.methods.nasa.Nasa` lists what differs from the paper.
-
     Parameters
     ----------
     centers : (b, d) tensor
         First joint of every bone at rest.
     deformable : bool
         Whether parts see the pose.
-    width : int
-        Units of a hidden layer of one part.
-    depth : int
-        Hidden layers; all but the first add to what they receive. One more linear layer gives the logit.
+    width, depth : int
+        Units and number of a part's hidden layers; all but the first add to what they receive, and a linear layer
+        follows.
     root : int
         Bone whose first joint is t_0.
 
@@ -67,20 +64,7 @@ class NasaField(Field):
         self.last_bias = _uniform(b, 1, 1, inputs=width)
 
     def part_logits(self, x: Tensor, B: Tensor) -> Tensor:
-        """Logits of occupancy by every part.
-
-        Parameters
-        ----------
-        x : (p, n, d) tensor
-            Posed points, n for each pose.
-        B : (p, b, d+1, d+1) tensor
-            Poses, rest to posed.
-
-        Returns
-        -------
-        logits : (p, b, n) tensor
-            Positive inside a part.
-        """
+        """Logits (p, b, n) of occupancy by every part, of points (p, n, d) in poses (p, b, d+1, d+1)."""
         (p, n, d), b = x.shape, B.shape[1]
         linear, offset = self.encoding(B)
         # The encoding is affine in the point and so is the first layer: for a pose they are one small matrix a part.
@@ -114,23 +98,9 @@ class NasaField(Field):
 class NasaWeightTerm:
     """The paper's weight loss: a vertex lies on the surface of the part whose weight is largest, and in no other.
 
-    Mean over vertices and parts of (O_b(x) - I_b)^2, with I_b one half for that part and zero for all others.
-
-    The mean is over parts too, as in the authors' code; where a sum over parts is written, the factor counts b times
-    less here.
-
-    Parameters
-    ----------
-    field : NasaField
-        What is trained.
-    points : RestSamples
-        Vertices of the rest surface and their skinning weights.
-    poses : (t, b, d+1, d+1) tensor
-        Poses to draw from, rest to posed.
-    poses_per_step, points_per_pose : int
-        How many poses and, in each, vertices are drawn.
-    factor : float
-        What the loss is multiplied by.
+    Mean over vertices of the rest surface and parts of (O_b(x) - I_b)^2, with I_b one half for that part and zero for
+    all others. The mean is over parts too, as in the authors' code; where a sum over parts is written, the factor
+    counts b times less here.
     """
 
     def __init__(

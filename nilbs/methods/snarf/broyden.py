@@ -11,19 +11,7 @@ SMALLEST = 1e-3
 
 
 class BroydenRoots(NamedTuple):
-    """Where searches ended.
-
-    Attributes
-    ----------
-    x_rest : (m, d) tensor
-        The best points met.
-    residual : (m,) tensor
-        Distance of their images from where they must be.
-    converged : (m,) bool tensor
-        Whether that is below the threshold of convergence.
-    evaluations : int
-        Points at which the function was evaluated, the starts left out where their images were given.
-    """
+    """The best points (m, d) of searches, their residuals (m,), which converged (m,), and evaluations of the map."""
 
     x_rest: Tensor
     residual: Tensor
@@ -42,26 +30,22 @@ def broyden(
     convergence: float = 1e-5,
     divergence: float = 1.0,
 ) -> BroydenRoots:
-    """Points that a map sends to given places, by Broyden's first ("good") method [1]_.
+    """Points that a map sends to given places x (m, d), by Broyden's first ("good") method [1]_.
 
     Parameters
     ----------
     forward : function of (a, d) tensor and (a,) int tensor
-        Images (a, d) of points; the integers tell which of the m searches each point belongs to.
-    x : (m, d) tensor
-        Where the images must lie.
-    start : (m, d) tensor
-        Where to begin.
+        Images (a, d) of points; the integers are the searches, of m, that the points belong to.
+    x, start : (m, d) tensors
+        Where the images must lie, and where the searches start.
     inverse_jacobian : (m, d, d) tensor
         Inverse of the derivative of the image by the point, at or about the start.
     iterations : int
         The most steps; each evaluates the map once at every point that is not done.
     image : (m, d) tensor, optional
         Images of the starts, where they are known.
-    convergence : float
-        A search whose image misses by less is done.
-    divergence : float
-        A search that a step led this far from where its image must lie is given up.
+    convergence, divergence : float
+        A residual below the first ends a search, one above the second gives it up.
 
     Returns
     -------

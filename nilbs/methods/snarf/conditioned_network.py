@@ -13,14 +13,7 @@ SUMMARY = 8  # numbers that what many points share is summed up in
 class ConditionedNetwork(nn.Module):
     """Multilayer perceptron on points; a few numbers that many points share enter at its middle layer.
 
-    Parameters
-    ----------
-    d, outputs : int
-        Coordinates of a point, and outputs.
-    width, depth : int
-        Units of a hidden layer, and number of linear layers.
-    shared : int
-        How many numbers are shared.
+    `shared` is how many numbers are shared; `depth` counts the linear layers.
     """
 
     def __init__(self, d: int, outputs: int, width: int, depth: int, *, shared: int = 0) -> None:

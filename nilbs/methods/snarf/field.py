@@ -1,4 +1,4 @@
-"""SNARF: occupancy at rest, looked up at every rest point that learned forward skinning sends to the posed point."""
+"""The field of SNARF: occupancy at every canonical point that learned forward skinning sends to the query."""
 
 from math import pi
 from typing import NamedTuple
@@ -29,33 +29,27 @@ STARTS = 1 << 14  # searches at a time
 
 
 class SnarfField(Field):
-    """Occupancy of a posed character by differentiable forward skinning [1]_.
+    """Occupancy by differentiable forward skinning [1]_; `Snarf` lists what differs from the paper.
 
-    One network knows the skinning weights of rest points, the same for all poses, and another the occupancy of rest
+    One network has the skinning weights of rest points, the same for all poses, and another the occupancy of rest
     points, which the pose may change. Forward skinning sends a rest point to x = sum_b w_b(x_rest) B_b x_rest. The rest
-    points that it sends to a query are its roots, found by Broyden's method from every bone's rigid inverse image
-    B_b^-1 x, with the map's derivative there for the first Jacobian; the query is inside if any of its roots is.
-    Roots have derivatives by the implicit function theorem, so that occupancy alone teaches the weights.
+    points that it sends to a query are its roots, found by Broyden's method from every bone's rigid inverse B_b^-1 x,
+    with the map's derivative there as first Jacobian; the query is inside if any of its roots is. Roots have
+    derivatives by the implicit function theorem, so that occupancy alone trains the weights.
+
+    While training, the maximum over the roots is a mean of their occupancies weighted by a softmax of them, so that all
+    of them learn. The occupancy network starts as a ball; 8 numbers that sum up the pose parameters enter at its
+    middle, because a pose changes little of the rest shape and that must hold in unseen poses too.
 
     Parameters
     ----------
     P : (b,) int tensor
-        Parent bones, -1 at a root.
     centers : (b, d) tensor
         First joint of every bone at rest.
-    width, depth : int
-        Units of a hidden layer of the occupancy network, and number of its linear layers.
-    weight_width, weight_depth : int
-        The same of the weight network.
+    width, depth, weight_width, weight_depth : int
+        Units of a hidden layer and number of linear layers, of the occupancy and of the weight network.
     iterations : int
         The most steps of a search.
-
-    Notes
-    -----
-    While training, the maximum over the roots is a mean of their occupancies weighted by a softmax of them, so that all
-    of them learn. The occupancy network begins as a ball, and hears in the middle of 8 numbers that sum up the pose
-    parameters: a pose changes little of the rest shape, and what it changes must hold in unseen poses as well. Details
-    that the paper leaves open are those of its authors' code. `Snarf` lists what differs.
 
     References
     ----------
@@ -85,20 +79,7 @@ class SnarfField(Field):
         self.iterations = iterations
 
     def logit(self, x: Tensor, B: Tensor) -> Tensor:
-        """Logit of occupancy, differentiable by the parameters, the points and the poses.
-
-        Parameters
-        ----------
-        x : (p, n, d) tensor
-            Posed points, n for each pose.
-        B : (p, b, d+1, d+1) tensor
-            Poses, rest to posed.
-
-        Returns
-        -------
-        logit : (p, n) tensor
-            Positive inside; of the blend of the roots that serves for training.
-        """
+        """Logit (p, n) of occupancy, of the blend of the roots, differentiable by parameters, points and poses."""
         p, n = x.shape[:2]
         pose = torch.arange(p, device=x.device).repeat_interleave(n)
         found = self.candidates(x.flatten(0, 1), B, pose)
@@ -120,44 +101,20 @@ class SnarfField(Field):
         return torch.softmax(WEIGHT_SHARPNESS * self.weight(x_rest), dim=-1)
 
     def rest_logit(self, x_rest: Tensor, B: Tensor, pose: Tensor) -> Tensor:
-        """Logit of occupancy at rest.
+        """Logit (m,) of occupancy at rest points (m, d), each in the pose, of (p, b, d+1, d+1), that `pose` (m,) names.
 
-        Parameters
-        ----------
-        x_rest : (m, d) tensor
-            Rest points.
-        B : (p, b, d+1, d+1) tensor
-            Poses.
-        pose : (m,) int tensor
-            Which of them each point is asked about in.
-
-        Returns
-        -------
-        logit : (m,) tensor
-            Between -60 and 60.
+        It lies between -60 and 60.
         """
         parameters = self.encoding(B)[1][:, x_rest.shape[-1] :] / pi
         return self.occupancy(x_rest, parameters, pose)[:, 0].clamp(-LIMIT, LIMIT)
 
     def skinned(self, x_rest: Tensor, B: Tensor, pose: Tensor) -> Tensor:
-        """Where forward skinning sends rest points; arguments as of `rest_logit`.
-
-        Returns
-        -------
-        x : (m, d) tensor
-        """
+        """Images (m, d) of rest points under forward skinning; arguments as of `rest_logit`."""
         d = x_rest.shape[-1]
         return affine(_blended(self.weights(x_rest), _rows(B), pose).unflatten(-1, (d, d + 1)), x_rest)
 
     def derivative(self, x_rest: Tensor, B: Tensor, pose: Tensor) -> tuple[Tensor, Tensor]:
-        """Where forward skinning sends rest points, and the derivative of that; arguments as of `rest_logit`.
-
-        Returns
-        -------
-        x : (m, d) tensor
-        jacobian : (m, d, d) tensor
-            Derivative of posed by rest coordinates.
-        """
+        """Images of rest points, and their derivatives (m, d, d) by rest coordinates; arguments as of `rest_logit`."""
         d = x_rest.shape[-1]
         values, slopes = self.weight.derivative(x_rest)
         W = torch.softmax(WEIGHT_SHARPNESS * values, dim=-1)
@@ -169,21 +126,7 @@ class SnarfField(Field):
         return affine(blend, x_rest), blend[..., :d] + change.mT
 
     def candidates(self, x: Tensor, B: Tensor, pose: Tensor) -> "Candidates":
-        """All rest points that forward skinning sends to posed points, with their occupancy.
-
-        Parameters
-        ----------
-        x : (m, d) tensor
-            Posed points.
-        B : (p, b, d+1, d+1) tensor
-            Poses, rest to posed.
-        pose : (m,) int tensor
-            Which of them each point is asked about in.
-
-        Returns
-        -------
-        candidates : Candidates
-        """
+        """All rest points that forward skinning sends to posed points; arguments as of `rest_logit`."""
         b = B.shape[1]
         size = max(STARTS // b, 1)
         chunks = [
@@ -238,16 +181,8 @@ class SnarfField(Field):
 class Candidates(NamedTuple):
     """Roots of posed points, at most one from each bone.
 
-    Attributes
-    ----------
-    x_rest : (m, b, d) tensor
-        Rest points.
-    logit : (m, b) tensor
-        Of their occupancy.
-    exists : (m, b) bool tensor
-        Where there is a root that no other bone before has found.
-    evaluations : int
-        Points at which the weight network was evaluated in the search; one with the derivative there counts one.
+    `x_rest` (m, b, d), the `logit` (m, b) of their occupancy, and where there `exists` (m, b) a root that no bone
+    before has found; `evaluations` counts the points at which the weight network was evaluated.
     """
 
     x_rest: Tensor
@@ -257,20 +192,14 @@ class Candidates(NamedTuple):
 
 
 class PosedSnarf:
-    """A `SnarfField` in one pose, to be asked any number of times.
-
-    Attributes
-    ----------
-    queries, evaluations : int
-        Points asked so far, and points at which the weight network was evaluated in the searches for them.
-    """
+    """A `SnarfField` in one pose; it counts the points queried and the evaluations of the weight network for them."""
 
     def __init__(self, field: SnarfField, B: Tensor) -> None:
         self.field, self.B = field, B
         self.queries = self.evaluations = 0
 
     def __call__(self, x: Tensor) -> Answer:
-        """Answers at posed points (n, d): the largest logit over the roots, and that root; nan where there is none."""
+        """The answer at posed points (n, d): the largest logit over the roots, and that root; nan if there is none."""
         found = self.field.candidates(x, self.B[None], torch.zeros(len(x), dtype=torch.int64, device=x.device))
         self.queries += len(x)
         self.evaluations += found.evaluations
@@ -286,22 +215,12 @@ class PosedSnarf:
 
 
 class SnarfBoneTerm:
-    """The two losses by which the paper starts a training: bones are inside, and joints belong to two bones.
+    """The two losses that start the paper's training: bones are inside, and joints belong to two bones.
 
-    Occupancy is one at random points of the bones at rest; at a bone's first joint the weights of the bone and of its
-    parent are one half each, and a root's is one.
-
-    Parameters
-    ----------
-    field : SnarfField
-    C, BE, P : arrays
-        The skeleton, in the field's frame: joints (k, d), bones (b, 2) and parents (b,).
-    poses : (t, b, d+1, d+1) tensor, optional
-        Poses in which bones are asked to be inside; only the rest pose by default.
-    factor : float
-        Of the occupancy loss, a cross-entropy; the weight loss, a mean square, has ten times that.
-    points : int
-        Of every bone, at each call.
+    Occupancy is one at random points of the bones at rest, `points` of each; at a bone's first joint the weights of the
+    bone and of its parent are one half each, and a root's is one. C, BE and P are the skeleton in the field's frame;
+    `poses`, if given, are poses in which bones must be inside. The weight loss, a mean square, has ten times the factor
+    of the cross-entropy of occupancy.
     """
 
     def __init__(
@@ -324,7 +243,7 @@ class SnarfBoneTerm:
         self.W = torch.as_tensor(np.where(P[:, None] < 0, own, 0.5 * (own + own[P]))).to(like)
 
     def __call__(self, rng: np.random.Generator) -> Tensor:
-        """Sum of the two losses, at points and in a pose for each of them that are drawn anew."""
+        """Sum of the two losses, at points and in poses that are drawn anew."""
         along = torch.as_tensor(rng.uniform(size=(self.points, len(self.start), 1))).to(self.start)
         x_rest = torch.lerp(self.start, self.end, along).flatten(0, 1)
         pose = torch.as_tensor(rng.integers(0, len(self.poses), len(x_rest)), device=x_rest.device)
