@@ -9,6 +9,7 @@ from nilbs.io.errors import FileFormatError
 from nilbs.models.model_file import KIND, load_model
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
+VERSION_5 = Path(__file__).parent / "version_5"
 ANSWERS = ("occupancy", "distance", "weights")
 
 
@@ -187,3 +188,17 @@ def test_a_file_that_cannot_be_written_leaves_what_was_there(models, saved, tmp_
         models[3].save(saved[2])
     assert saved[2].read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["2.nilbs", "3.nilbs"]
+
+
+@pytest.mark.parametrize("name", ["nilbs", "paper", "nasa", "nearest"])
+def test_models_of_the_last_file_version_are_read(name: str, tmp_path: Path) -> None:
+    # Written by the version before, with the occupancies that it computed.
+    model, known = load_model(VERSION_5 / f"{name}.nilbs"), np.load(VERSION_5 / "occupancy.npz")
+    assert model.method.name == name
+    np.testing.assert_allclose(model.occupancy(known["x"], known["pose"]), known[name], atol=1e-5)
+    model.save(tmp_path / "again.nilbs")
+    again = load_model(tmp_path / "again.nilbs")
+    assert again.method == model.method
+    np.testing.assert_array_equal(
+        again.occupancy(known["x"], known["pose"]), model.occupancy(known["x"], known["pose"])
+    )
