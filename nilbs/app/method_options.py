@@ -52,13 +52,10 @@ def chosen_method(args: argparse.Namespace) -> Method:
 
 def _add_setting(group: Any, by_method: dict[str, Setting]) -> None:
     s = next(iter(by_method.values()))
-    defaults = {method: other.default for method, other in by_method.items()}
-    default = ""
+    text = _by_value({method: other.help for method, other in by_method.items()}, "{1}: {0}")
     if s.default is not None:
-        same = len(set(defaults.values())) == 1
-        words = str(s.default) if same else ", ".join(f"{value} for {method}" for method, value in defaults.items())
-        default = f" (default {words})"
-    option: dict[str, Any] = {"default": None, "dest": s.name, "help": f"{s.help}{default}".replace("%", "%%")}
+        text += f" (default {_by_value({method: other.default for method, other in by_method.items()}, '{0} for {1}')})"
+    option: dict[str, Any] = {"default": None, "dest": s.name, "help": text.replace("%", "%%")}
     if s.kind is bool:
         option["action"] = argparse.BooleanOptionalAction
     else:
@@ -66,3 +63,19 @@ def _add_setting(group: Any, by_method: dict[str, Setting]) -> None:
         if s.choices:
             option["choices"] = s.choices
     group.add_argument(f"--{s.name.replace('_', '-')}", **option)
+
+
+def _by_value(values: dict[str, Any], form: str) -> str:
+    """One value for all methods, or each with the methods that have it.
+
+    Examples
+    --------
+    >>> _by_value({"a": 1, "b": 2, "c": 1}, "{0} for {1}")
+    '1 for a, c; 2 for b'
+    """
+    methods: dict[Any, list[str]] = {}
+    for method, value in values.items():
+        methods.setdefault(value, []).append(method)
+    if len(methods) == 1:
+        return str(next(iter(methods)))
+    return "; ".join(form.format(value, ", ".join(names)) for value, names in methods.items())

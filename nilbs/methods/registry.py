@@ -12,10 +12,10 @@ from nilbs.methods.base import REGISTERED, Method
 
 
 def all_methods() -> dict[str, type[Method]]:
-    """Every method by its name: first nilbs, then those that train, then those that do not."""
+    """Every method by its name: first those that train, then those that learn nothing."""
     _import_methods()
-    order = {name: (not kind.trained, name != "nilbs", i) for i, (name, kind) in enumerate(sorted(REGISTERED.items()))}
-    return {name: REGISTERED[name] for name in sorted(REGISTERED, key=order.__getitem__)}
+    names = sorted(REGISTERED, key=lambda name: (not REGISTERED[name].trained, name))
+    return {name: REGISTERED[name] for name in names}
 
 
 def untrained() -> dict[str, type[Method]]:
@@ -72,13 +72,11 @@ def values_of(method: Method) -> dict[str, Any]:
 
 def of_version_5(values: Mapping[str, Any]) -> Method:
     """The method that the settings of a model file of version 5 describe, where all methods shared one table."""
-    name = values["method"]
-    if name == "nilbs" and values["supervision"] == "paper":
-        name = "paper"
-    kind = method_class(name)
+    as_in_paper = values["supervision"] == "paper"
+    kind = method_class("paper" if as_in_paper else values["method"])
     known = {s.name: s for s in kind.settings()}
     # A zero stood for the default where that depends on the character; of methods without training it was the rule.
     kept = {key: value for key, value in values.items() if key in known and not (value == 0 and known[key].least > 0)}
-    if name == "paper":
+    if as_in_paper:
         kept["noise"] = 0.0  # its points were uniform, whatever the setting
     return kind.from_settings(kept)
