@@ -11,7 +11,7 @@ from benchmarks.study.scale import ABLATIONS, SWEEP_SETS, TRAINED
 from benchmarks.study.store import Store, number
 from nilbs.geometry.metrics import HIGHER_IS_BETTER
 from nilbs.methods.inverse_skinning import MAPPINGS
-from nilbs.methods.registry import untrained
+from nilbs.methods.registry import all_methods
 from nilbs.models.protocol import IOUS, POSE_SETS
 
 # Rows that are the truth itself.
@@ -68,17 +68,9 @@ _SWITCHES = (
     "loss alone the position loss still tells the weights."
 )
 _MEANINGS = {
-    "nilbs": f"the default: {MAPPINGS['search']}",
-    **{name: f"the same trained model: {MAPPINGS[name]}" for name in OTHER_MAPPINGS},
-    "paper": "the paper's own setting: weights known on the surface in the rest pose alone, uniform labelled points, "
-    "absolute difference of occupancies; inverse map (eq. 6) and ghost bone (eq. 8)",
-    "nasa": "NASA with deformable parts: one network a bone, told the point in its frame and the pose; largest part",
-    "nasa-rigid": "NASA with rigid parts: one network a bone, told the point in its frame alone; largest part",
-    "snarf": "SNARF: a network of forward weights and one of occupancy at rest; Broyden's method from every bone",
-    "mlp": "a network that is told the point and the pose, without any skinning",
-    **{name: untrained()[name].summary for name in ("nearest", "rigid-parts")},
+    **{name: kind.summary for name, kind in all_methods().items()},
+    **{name: f"the model of nilbs: {MAPPINGS[name]}" for name in OTHER_MAPPINGS},
     "floor": "the true mesh's own distance on the same grid",
-    "mesh-lbs": "the skinned mesh itself asked for its winding number and distance: what the rows are compared with",
 }
 
 
