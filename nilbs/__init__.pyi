@@ -1,6 +1,7 @@
+from .characters.bundle import load_animated as load_animated
+from .characters.bundle import load_character as load_character
 from .characters.character import Character as Character
 from .characters.character import assemble as assemble
-from .characters.loading import load_character as load_character
 from .characters.motion import Motion as Motion
 from .characters.motion import load_motion as load_motion
 from .characters.motion import random_motion as random_motion

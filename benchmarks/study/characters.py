@@ -180,12 +180,12 @@ def motion_of(name: str, character: "Character", data: Path | None, *, frames: i
 
 
 def _loaded(source: Source, data: Path | None, report: Report) -> "Character":
+    from nilbs.characters.bundle import load_character
     from nilbs.characters.gingerbread import write_gingerbread
-    from nilbs.characters.loading import load_character
 
     if source.dim:
         with tempfile.TemporaryDirectory() as folder:
             return load_character(*write_gingerbread(Path(folder), source.dim))
     assert data is not None
     weights = data / source.weights if source.weights else None
-    return load_character(data / source.mesh, data / source.rig, weights, group=source.group, report=report)
+    return load_character(data / source.mesh, data / source.rig, weights=weights, group=source.group, report=report)

@@ -1,81 +1,89 @@
 """Whether files belong together: sizes, dimensions and places."""
 
-from itertools import permutations
+from collections.abc import Mapping
 
 import numpy as np
 
-from nilbs.app.contents import Content
-from nilbs.app.descriptions import outline
+from nilbs.app.descriptions import mesh_of, outline
 from nilbs.characters.character import in_dimension
+from nilbs.geometry.facets import seamless
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.rig_diagnosis import rig_report
 from nilbs.geometry.rig_weights import check_rig_fits
+from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import listed
+from nilbs.io.bundle import Bundle, Influences
+from nilbs.io.motion import LocalMotion
 
 
-def disagreements(contents: list[Content]) -> list[str]:
-    """Check every pair of files against each other.
-
-    Parameters
-    ----------
-    contents : list of Content
-        What was read.
-
-    Returns
-    -------
-    problems : list of str
-        A sentence for each disagreement, naming both files.
-    """
-    if any(content.kind == "rig" and not _is_motion_file(content) for content in contents):
+def disagreements(files: Mapping[str, Bundle], points: Mapping[str, np.ndarray], group: str | None = None) -> list[str]:
+    """A sentence, with the names of the files, on everything in them that does not fit together."""
+    rigs = {path: bundle.skeleton for path, bundle in files.items() if bundle.skeleton is not None}
+    if not all(map(_is_motion_file, rigs)):
         # The skeleton of a motion is mapped onto the rig: it need not fit the rest.
-        contents = [content for content in contents if content.kind != "rig" or not _is_motion_file(content)]
-    problems = []
-    for one, other in permutations(contents, 2):
-        check = _CHECKS.get((one.kind, other.kind))
-        where = one.path if one.path == other.path else f"{one.path} and {other.path}"
-        problems += [f"{where}: {problem}" for problem in (check(one.arrays, other.arrays) if check else [])]
-    return problems
+        rigs = {path: skeleton for path, skeleton in rigs.items() if not _is_motion_file(path)}
+    meshes = {path: bundle.mesh for path, bundle in files.items() if bundle.mesh is not None}
+    problems: list[str] = []
+
+    def found(one: str, other: str, lines: list[str]) -> None:
+        problems.extend(f"{one if one == other else f'{one} and {other}'}: {line}" for line in lines)
+
+    for path, mesh in meshes.items():
+        V, E = mesh_of(path, mesh, group)
+        for other, bundle in files.items():
+            if bundle.influences is not None:
+                found(other, path, _weights_of_mesh(bundle.influences, bundle, len(mesh.V), len(V)))
+            d = bundle.motion.root_translation.shape[1] if isinstance(bundle.motion, LocalMotion) else V.shape[1]
+            if d != V.shape[1]:
+                found(other, path, [f"a motion in {d} dimensions, but the mesh has {V.shape[1]}"])
+        for other, skeleton in rigs.items():
+            found(other, path, _rig_of_mesh(skeleton, V, E))
+        for other, x in points.items():
+            if x.shape[-1] != V.shape[1]:
+                found(other, path, [f"points of shape {x.shape}, but the mesh has d = {V.shape[1]}"])
+    for path, skeleton in rigs.items():
+        for other, bundle in files.items():
+            b, shape = len(skeleton.BE), bundle.influences and bundle.influences.shape
+            columns = shape[1] if shape else len(bundle.skeleton.BE) if bundle.influences and bundle.skeleton else b
+            if columns != b:
+                found(other, path, [f"weights of {columns} bones, but the rig has {b}"])
+            if any(not set(skeleton.names) & set(clip.skeleton.names) for clip in bundle.clips):
+                found(other, path, ["no bone of the motion has the name of one of the rig: it will take a map"])
+            found(other, path, _motion_of_rig(bundle.motion, skeleton))
+    return list(dict.fromkeys(problems))
 
 
-def _is_motion_file(content: Content) -> bool:
-    return content.path.lower().endswith(".bvh")
+def _is_motion_file(path: str) -> bool:
+    return path.lower().endswith(".bvh")
 
 
-def _weights_of_mesh(weights: dict, mesh: dict) -> list[str]:
-    n, m = len(mesh["whole"]), len(mesh["V"])
-    rows = len(weights["W"]) if "W" in weights else weights["n"]
+def _weights_of_mesh(weights: Influences, bundle: Bundle, n: int, chosen: int) -> list[str]:
+    """Of a mesh of n vertices, of which some are chosen."""
+    rows = weights.shape[0] if weights.shape else bundle.mesh and len(bundle.mesh.V)
     if rows is None:  # sparse weights name vertices one by one
-        last = int(weights["influences"].vertex.max(initial=-1))
+        last = int(weights.vertex.max(initial=-1))
         return [f"weights of vertex {last}, but the mesh has {n}"] if last >= n else []
-    chosen = f" ({m} in the group)" if m < n else ""
-    return [] if rows in (n, m) else [f"weights of {rows} vertices, but the mesh has {n}{chosen}"]
+    group = f" ({chosen} in the group)" if chosen < n else ""
+    return [] if rows in (n, chosen) else [f"weights of {rows} vertices, but the mesh has {n}{group}"]
 
 
-def _weights_of_rig(weights: dict, rig: dict) -> list[str]:
-    b, columns = len(rig["skeleton"].BE), weights["W"].shape[1] if "W" in weights else weights["b"]
-    return [] if b == columns else [f"weights of {columns} bones, but the rig has {b}"]
+def _motion_of_rig(motion: LocalMotion | np.ndarray | None, rig: Skeleton) -> list[str]:
+    b = len(rig.BE)
+    if isinstance(motion, LocalMotion):
+        unknown = [name for name in motion.names if name not in rig.names]
+        return [f"the rig has no bone {unknown[0]!r}; its {b} bones are {listed(rig.names)}"] if unknown else []
+    if motion is None or motion.shape[1] == b:
+        return []
+    return [f"a motion of {motion.shape[1]} bones, but the rig has {b}"]
 
 
-def _motion_of_rig(motion: dict, rig: dict) -> list[str]:
-    names = rig["skeleton"].names
-    if "skeleton" in motion:  # a motion of bones of its own, which are mapped onto the rig's
-        common = len(set(names) & set(motion["skeleton"].names))
-        return [] if common else ["no bone of the motion has the name of one of the rig: it will take a map"]
-    if "B" in motion:
-        moved = motion["B"].shape[1]
-        return [] if len(names) == moved else [f"a motion of {moved} bones, but the rig has {len(names)}"]
-    unknown = [name for name in motion["names"] if name not in names]
-    return [f"the rig has no bone {unknown[0]!r}; its {len(names)} bones are {listed(names)}"] if unknown else []
-
-
-def _rig_of_mesh(rig: dict, mesh: dict) -> list[str]:
-    V, E = mesh["V"], mesh["E"]
+def _rig_of_mesh(skeleton: Skeleton, V: np.ndarray, E: np.ndarray) -> list[str]:
     try:
-        skeleton = in_dimension(rig["skeleton"], V.shape[1])
+        skeleton = in_dimension(skeleton, V.shape[1])
     except ValueError as error:
         return [str(error)]
     F = E if E.shape[1] == V.shape[1] else outline(V, E)
-    F, _ = coherent_orientation(V, F)
+    F, _ = coherent_orientation(V, seamless(V, F))
     report = rig_report(V, F, skeleton)
     problems = []
     try:
@@ -93,25 +101,3 @@ def _rig_of_mesh(rig: dict, mesh: dict) -> list[str]:
         bones = listed([skeleton.names[bone] for bone in report.without_volume])
         problems.append(f"{len(report.without_volume)} of {b} bones have no part inside the mesh: {bones}")
     return problems
-
-
-def _motion_of_mesh(motion: dict, mesh: dict) -> list[str]:
-    if "theta" not in motion:
-        return []
-    d = motion["root_translation"].shape[1]
-    return [] if d == mesh["V"].shape[1] else [f"a motion in {d} dimensions, but the mesh has {mesh['V'].shape[1]}"]
-
-
-def _points_of_mesh(points: dict, mesh: dict) -> list[str]:
-    d = mesh["V"].shape[1]
-    return [] if points["x"].shape[-1] == d else [f"points of shape {points['x'].shape}, but the mesh has d = {d}"]
-
-
-_CHECKS = {
-    ("weights", "mesh"): _weights_of_mesh,
-    ("weights", "rig"): _weights_of_rig,
-    ("motion", "rig"): _motion_of_rig,
-    ("rig", "mesh"): _rig_of_mesh,
-    ("motion", "mesh"): _motion_of_mesh,
-    ("points", "mesh"): _points_of_mesh,
-}

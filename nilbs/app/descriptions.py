@@ -1,62 +1,92 @@
 """What a file holds, described in numbers, with a list of what is wrong."""
 
-from typing import Any
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from nilbs.app.contents import Content
 from nilbs.app.surfaces import describe_surface, verdict
+from nilbs.characters.bundle import whole_or_group
 from nilbs.geometry.facets import components
 from nilbs.geometry.kinematics import local_rotations, rms_rotation
 from nilbs.geometry.plane import in_space, is_flat
 from nilbs.geometry.rig_diagnosis import coincident_joints
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.volume import boundary_facets, element_volumes
-from nilbs.io.bundle import Influences
+from nilbs.io.bundle import Bundle, Influences, Mesh
+from nilbs.io.errors import FileFormatError
+from nilbs.io.motion import LocalMotion
+
+if TYPE_CHECKING:
+    from nilbs.models.model import Model
 
 # Weights that are further than this from rows on the simplex are a mistake and not rounding.
 _TOLERANCE = 1e-6
 _SHORT_BONE = 1e-3  # of the rig's extent
 
 
-def describe(content: Content, others: list[Content]) -> dict[str, Any]:
-    """What the content is, in numbers.
+def describe(path: str, bundle: Bundle, rig: Skeleton | None, *, group: str | None = None) -> list[dict[str, Any]]:
+    """What a file holds, thing by thing, in numbers.
 
     Parameters
     ----------
-    content : Content
-        What to describe.
-    others : list of Content
-        Read beside it: a rig among them tells the local rotations of a motion.
+    path : str
+    bundle : Bundle
+        What was read from it.
+    rig : Skeleton, optional
+        Of any file: the local rotations of a motion without a skeleton are relative to it.
+    group : str, optional
+        The group of the mesh that is described; all of it by default.
 
     Returns
     -------
-    report : dict
-        "file", "kind", numbers, and "problems", a list of sentences; "notes", another, where there are any; of a mesh
-        that weights could be solved for, "verdict".
+    reports : list of dict
+        "file", "kind", numbers, and "problems", a list of sentences; "notes", another, in the first where there are
+        any; of a mesh that weights could be solved for, "verdict".
     """
-    arrays = content.arrays
-    problems: list[str] = []
-    if content.kind == "mesh":
-        values = _mesh(arrays["V"], arrays["E"], problems)
-        values |= {"groups": list(arrays["groups"])} if arrays["groups"] else {}
-        values |= {"verdict": verdict(arrays["V"], arrays["E"])} if arrays["E"].shape[1] == 3 else {}
-    elif content.kind == "rig":
-        values = _rig(arrays["skeleton"], problems)
-    elif content.kind == "weights" and "W" in arrays:
-        values = _weights(arrays["W"], problems)
-    elif content.kind == "weights":
-        values = _influences(arrays["influences"], arrays["n"], arrays["b"], problems)
-    elif content.kind == "motion":
-        values = _motion(arrays, others, problems)
-    elif content.kind == "points":
-        values = {"shape": list(arrays["x"].shape)}
-        if arrays["x"].ndim != 2 or arrays["x"].shape[1] not in (2, 3):
-            problems.append("points are rows of 2 or 3 coordinates")
-    else:
-        values = _model(arrays["model"], problems)
-    notes = {"notes": list(content.notes)} if content.notes else {}
-    return {"file": content.path, "kind": content.kind, **values, **notes, "problems": problems}
+    reports: list[dict[str, Any]] = []
+
+    def add(kind: str, values: Callable[[list[str]], dict[str, Any]]) -> None:
+        problems: list[str] = []
+        notes = {"notes": list(bundle.notes)} if bundle.notes and not reports else {}
+        reports.append({"file": path, "kind": kind, **values(problems), **notes, "problems": problems})
+
+    mesh, skeleton, weights = bundle.mesh, bundle.skeleton, bundle.influences
+    if mesh is not None:
+        V, E = mesh_of(path, mesh, group)
+        groups = {"groups": list(mesh.groups)} if mesh.groups and not group else {}
+        add("mesh", lambda problems: _mesh(V, E, problems) | groups)
+    if skeleton is not None:
+        add("rig", partial(_rig, skeleton))
+    if weights is not None:
+        bones = skeleton or rig
+        shape = None if mesh is None else len(mesh.V), None if bones is None else len(bones.BE)
+        add("weights", partial(_weights, weights, *(weights.shape or shape)))
+    for clip in bundle.clips:
+        seconds = float(np.ptp(clip.times)) if len(clip.B) else 0
+        add("motion", partial(_transforms, clip.B, clip.skeleton, name=clip.name, seconds=seconds))
+    if isinstance(bundle.motion, np.ndarray):
+        add("motion", partial(_transforms, bundle.motion, rig))
+    elif bundle.motion is not None:
+        add("motion", partial(_local, bundle.motion, rig))
+    if not reports:
+        raise FileFormatError(path, "the file holds no mesh, rig or motion")
+    return reports
+
+
+def describe_points(path: str, x: np.ndarray) -> dict[str, Any]:
+    """The same of an array of points."""
+    problems = [] if x.ndim == 2 and x.shape[1] in (2, 3) else ["points are rows of 2 or 3 coordinates"]
+    return {"file": path, "kind": "points", "shape": list(x.shape), "problems": problems}
+
+
+def mesh_of(path: str, mesh: Mesh, group: str | None) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a mesh or of its group, in the plane where that is flat."""
+    try:
+        return whole_or_group(mesh, group)[:2]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def outline(V: np.ndarray, T: np.ndarray) -> np.ndarray:
@@ -72,13 +102,22 @@ def outline(V: np.ndarray, T: np.ndarray) -> np.ndarray:
 
 def _mesh(V: np.ndarray, E: np.ndarray, problems: list[str]) -> dict[str, Any]:
     d = V.shape[1]
-    if d == 3 or E.shape[1] == 2:
+    if E.shape[1] == 2:
         return {"d": d, "vertices": len(V), **describe_surface(V, E, problems)}
+    if d == 3:
+        return {"d": d, "vertices": len(V), **describe_surface(V, E, problems), "verdict": verdict(V, E)}
     values = describe_surface(V, outline(V, E), problems, used=E)
     without = int((element_volumes(V, E) <= 0).sum())
     if without:
         problems.append(f"{without} of {len(E)} triangles have no area")
-    return {"d": d, "vertices": len(V), "triangles": len(E), **values, "triangles_without_area": without}
+    return {
+        "d": d,
+        "vertices": len(V),
+        "triangles": len(E),
+        **values,
+        "triangles_without_area": without,
+        "verdict": verdict(V, E),
+    }
 
 
 def _rig(skeleton: Skeleton, problems: list[str]) -> dict[str, Any]:
@@ -115,39 +154,19 @@ def _rig(skeleton: Skeleton, problems: list[str]) -> dict[str, Any]:
     }
 
 
-def _weights(W: np.ndarray, problems: list[str]) -> dict[str, Any]:
-    sums = W.sum(axis=1)
-    error = np.abs(sums - 1)
-    empty = int((W == 0).all(axis=1).sum())
-    if W.min() < -_TOLERANCE or W.max() > 1 + _TOLERANCE:
-        problems.append(f"weights leave 0 to 1: they run from {W.min():.6g} to {W.max():.6g}")
-    if error.max() > _TOLERANCE:
-        off, worst = int((error > _TOLERANCE).sum()), int(error.argmax())
-        problems.append(f"{off} of {len(W)} rows do not sum to one; row {worst} sums to {sums[worst]:.6g}")
-    if empty:
-        problems.append(f"{empty} rows are all zero, row {int((W == 0).all(axis=1).argmax())} first")
-    idle = np.flatnonzero((W == 0).all(axis=0))
-    if len(idle):
-        problems.append(f"{len(idle)} bones move no vertex, bone {idle[0]} first")
-    return {
-        "shape": list(W.shape),
-        "min": W.min(),
-        "max": W.max(),
-        "row_sums": [sums.min(), sums.max()],
-        "row_sum_error": error.max(),
-        "zero_rows": empty,
-    }
-
-
-def _influences(painted: Influences, n: int | None, b: int, problems: list[str]) -> dict[str, Any]:
-    """The same of weights as sparse as a file has them; n is None where the file does not tell how many vertices."""
-    if not len(painted.weight):
+def _weights(painted: Influences, n: int | None, b: int | None, problems: list[str]) -> dict[str, Any]:
+    """N is None where nothing gives the number of vertices; weights of bones by name have those of their rig."""
+    n, b = painted.shape or (n, b)
+    weighted = np.flatnonzero(painted.weight)
+    vertices, row = np.unique(painted.vertex, return_inverse=True)
+    if not len(vertices):
         problems.append("no vertex has a weight")
         return {"shape": [n, b], "pairs": 0}
-    vertices, row = np.unique(painted.vertex, return_inverse=True)
     sums = np.bincount(row, painted.weight)
     error = np.abs(sums - 1)
     low, high = painted.weight.min(), painted.weight.max()
+    if n is not None and b is not None and len(weighted) < n * b:
+        low = min(low, 0.0)
     if low < -_TOLERANCE or high > 1 + _TOLERANCE:
         problems.append(f"weights leave 0 to 1: they run from {low:.6g} to {high:.6g}")
     if error.max() > _TOLERANCE:
@@ -155,29 +174,29 @@ def _influences(painted: Influences, n: int | None, b: int, problems: list[str])
         rows = f"{off} of {len(sums)} vertices have weights that do not sum to one"
         problems.append(f"{rows}; those of vertex {vertices[worst]} sum to {sums[worst]:.6g}")
     if n is not None and len(vertices) < n:
-        problems.append(f"{n - len(vertices)} of {n} vertices have no weight")
-    idle = np.setdiff1d(np.arange(b), painted.bone[painted.weight != 0])
+        first = int(np.setdiff1d(np.arange(n), vertices)[0])
+        problems.append(f"{n - len(vertices)} of {n} vertices have no weight, vertex {first} first")
+    idle = np.setdiff1d(np.arange(b or 0), painted.bone[weighted])
     if len(idle):
         problems.append(f"{len(idle)} bones move no vertex, bone {idle[0]} first")
     values = {"min": low, "max": high, "row_sums": [sums.min(), sums.max()], "row_sum_error": error.max()}
-    return {"shape": [n, b], "pairs": len(painted.weight), "vertices": len(vertices), **values}
+    without = None if n is None else max(n - len(vertices), 0)
+    return {"shape": [n, b], "pairs": len(painted.weight), "vertices": len(vertices), **values, "zero_rows": without}
 
 
-def _motion(arrays: dict[str, Any], others: list[Content], problems: list[str]) -> dict[str, Any]:
-    rig = arrays.get("skeleton") or next((other.arrays["skeleton"] for other in others if other.kind == "rig"), None)
-    if "theta" in arrays:
-        theta, names = arrays["theta"], arrays["names"]
-        turned = {"bones": len(names), "names": list(names), "d": arrays["root_translation"].shape[1]}
-        return {"frames": len(theta), **turned, "rms_local_rotation": _rms_of_names(rig, names, theta)}
-    B = arrays["B"]
-    clip = (
-        {"name": arrays["name"], "seconds": float(np.ptp(arrays["times"])) if len(B) else 0} if "name" in arrays else {}
-    )
+def _local(motion: LocalMotion, rig: Skeleton | None, problems: list[str]) -> dict[str, Any]:
+    names, d = motion.names, motion.root_translation.shape[1]
+    rms = _rms_of_names(rig, names, motion.theta)
+    values = {"frames": len(motion.theta), "bones": len(names), "names": list(names), "d": d}
+    return values | {"rms_local_rotation": rms}
+
+
+def _transforms(B: np.ndarray, rig: Skeleton | None, problems: list[str], **named: Any) -> dict[str, Any]:
     if not len(B):
         problems.append("the motion has no frame")
-        return {**clip, "frames": 0, "bones": B.shape[1]}
+        return {**named, "frames": 0, "bones": B.shape[1]}
     rms = _rms_of_transforms(rig, B) if rig is not None and len(rig.BE) == B.shape[1] else None
-    return {**clip, "frames": len(B), "bones": B.shape[1], **_rigidity(B, problems), "rms_local_rotation": rms}
+    return {**named, "frames": len(B), "bones": B.shape[1], **_rigidity(B, problems), "rms_local_rotation": rms}
 
 
 def _rigidity(B: np.ndarray, problems: list[str]) -> dict[str, Any]:
@@ -215,19 +234,24 @@ def _rms_of_names(rig: Skeleton | None, names: tuple[str, ...], theta: np.ndarra
     return rms_rotation(every, rig.P)
 
 
-def _model(model: Any, problems: list[str]) -> dict[str, Any]:
+def describe_model(path: str, model: "Model") -> dict[str, Any]:
+    """The same of a model."""
+    problems: list[str] = []
     c = model.character
     rms = model.motion.rms_rotation(c)
     motion = {"source": model.motion.source, "frames": len(model.motion), "rms_local_rotation": rms}
     motion["original_frames"] = [int(model.motion.frames.min()), int(model.motion.frames.max())]
     used = np.arange(len(c.V)) if c.d == 2 else None  # vertices inside an outline are not isolated
     return {
+        "file": path,
+        "kind": "model",
         "name": c.name,
         "d": c.d,
         "mesh": {"vertices": len(c.V), **describe_surface(c.V, c.F, problems, used=used)},
         "rig": _rig(c.skeleton, problems),
-        "weights": _weights(c.W, problems),
+        "weights": _weights(Influences.of_matrix(c.W), len(c.W), c.W.shape[1], problems),
         "volume": {"vertices": len(c.V_volume), "elements": len(c.T)},
         "motion": {**motion, **_rigidity(model.motion.B, problems)},
         "training": {**model.config, "final_loss": model.history[-100:].mean() if len(model.history) else None},
+        "problems": problems,
     }

@@ -19,15 +19,14 @@ def add_seed(parser: argparse.ArgumentParser) -> None:
 
 
 def add_character(parser: argparse.ArgumentParser) -> None:
-    """Add MESH, RIG and --group."""
+    """Add FILES and --group."""
     parser.add_argument(
-        "mesh",
-        metavar="MESH",
-        help="the rest mesh, .obj, .ply, .off, .stl or .3mf (flat, z = 0, for two dimensions); or a file that holds "
-        "its rig too: .glb, .gltf, .fbx, .npz of the SMPL family",
-    )
-    parser.add_argument(
-        "rig", metavar="RIG", nargs="?", help="its joints and bones, if MESH has none: .tgf, .txt, .mhskel, .bvh"
+        "files",
+        nargs="+",
+        metavar="FILE",
+        help="files of one character, in any order: a mesh (.obj, .ply, .off, .stl or .3mf; flat, z = 0, for two "
+        "dimensions), a rig (.tgf, .txt, .mhskel, .bvh), weights (.dmat, .npz, .mhw); or one file that holds several "
+        "of these (.glb, .gltf, .fbx, .npz of the SMPL family)",
     )
     add_group(parser)
 
@@ -59,9 +58,7 @@ def add_mapping(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="bone map, .json: the bone of the motion that each bone of the rig follows",
     )
-    parser.add_argument(
-        "--clip", metavar="NAME", help="the motion to use, if the file holds several; the first by default"
-    )
+    parser.add_argument("--clip", metavar="NAME", help="the motion to use, if the file holds several; all by default")
 
 
 def add_pose(parser: argparse.ArgumentParser) -> None:

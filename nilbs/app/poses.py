@@ -1,4 +1,4 @@
-"""Which motion `--motion FILE --map FILE --clip NAME` means, and which pose of it `--frame K` or `--time SECONDS`."""
+"""The motion that `--motion FILE --map FILE --clip NAME` names, and its pose at `--frame K` or `--time SECONDS`."""
 
 import argparse
 import sys
@@ -9,11 +9,12 @@ if TYPE_CHECKING:
 
     from nilbs.characters.motion import Motion
     from nilbs.geometry.skeleton import Skeleton
+    from nilbs.io.bundle import Bundle
     from nilbs.models.model import Model
 
 
 def tell(line: str) -> None:
-    """Tell the user what was decided, on standard error."""
+    """Report on standard error what was decided."""
     print(f"nilbs: {line}", file=sys.stderr)
 
 
@@ -28,6 +29,32 @@ def motion_of_file(args: argparse.Namespace, skeleton: "Skeleton") -> "Motion":
     from nilbs.characters.motion import load_motion
 
     return load_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=tell)
+
+
+def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | None":
+    """The motion in `--motion`, else that of the character's files; None for random motion.
+
+    Raises
+    ------
+    FileFormatError, ValueError, OSError
+        If there is no such motion, or an option is of another kind of motion.
+    """
+    from nilbs.characters.bundle import rigged
+    from nilbs.characters.motion import motion_of_clips
+
+    _, skeleton = rigged(bundle)
+    if args.motion is None and (args.random or not bundle.clips):
+        for option, value in (("--map", args.map), ("--clip", args.clip)):
+            if value is not None:
+                why = "the motion is random" if args.random else "no file brings one"
+                raise ValueError(f"{option} is for the motion of a file, and {why}")
+        return None
+    if args.amplitude is not None:
+        file = bundle.clips[0].file if args.motion is None else args.motion
+        raise ValueError(f"--amplitude is of random motion, and {file} brings one: leave it out, or give --random")
+    if args.motion is not None:
+        return motion_of_file(args, skeleton)
+    return motion_of_clips(bundle.clips, skeleton, clip=args.clip, bone_map=args.map, report=tell)
 
 
 def check_motion_options(args: argparse.Namespace) -> None:

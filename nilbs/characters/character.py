@@ -224,7 +224,7 @@ def assemble(
         W, V_volume, T, W_volume = solved.W, solved.V_volume, solved.T, solved.W_volume
     else:
         (W,) = checked(W=(W, "n b"))
-        check_sizes(W, len(V), len(skeleton.BE))
+        check_sizes(W.shape, len(V), len(skeleton.BE))
         W, notes = weights_on_simplex(W, V)
         for note in notes:
             report(note)
@@ -238,23 +238,7 @@ def assemble(
 
 
 def in_dimension(skeleton: Skeleton, d: int) -> Skeleton:
-    """Skeleton in as many dimensions as a mesh: a flat mesh takes the first two coordinates of a flat skeleton.
-
-    Parameters
-    ----------
-    skeleton : Skeleton
-    d : int
-        Dimension of the mesh.
-
-    Returns
-    -------
-    skeleton : Skeleton
-
-    Raises
-    ------
-    ValueError
-        If the mesh is flat and the skeleton is not, or the other way round.
-    """
+    """The skeleton in the d dimensions of a mesh; ValueError if only one of the two is flat."""
     if skeleton.d == d:
         return skeleton
     if d == 3:
@@ -262,31 +246,12 @@ def in_dimension(skeleton: Skeleton, d: int) -> Skeleton:
     return skeleton.in_plane()
 
 
-def check_sizes(W: np.ndarray, n: int, b: int, *, group: int | None = None) -> None:
-    """Refuse weights that belong to another mesh or rig.
-
-    Parameters
-    ----------
-    W : float array
-        A matrix.
-    n, b : int
-        How many vertices and bones there are.
-    group : int, optional
-        How many vertices are in the group that is taken, whose weights will do too.
-
-    Raises
-    ------
-    ValueError
-        If W is neither (n, b) nor (group, b).
-
-    Examples
-    --------
-    >>> check_sizes(np.ones((3, 2)), 5, 2, group=3)
-    """
-    if W.shape not in ((n, b), (group, b)):
+def check_sizes(shape: tuple[int, ...], n: int, b: int, *, group: int | None = None) -> None:
+    """Refuse weights of a shape that is neither (n, b) nor, of the vertices in a group that is taken, (group, b)."""
+    if shape not in ((n, b), (group, b)):
         chosen = "" if group in (None, n) else f" ({group} in the group)"
         raise ValueError(
-            f"the weights have {W.shape[0]} rows and {W.shape[1]} columns, but the mesh has {n} vertices{chosen} and "
+            f"the weights have {shape[0]} rows and {shape[1]} columns, but the mesh has {n} vertices{chosen} and "
             f"the rig {b} bones: they belong to another mesh or rig"
         )
 

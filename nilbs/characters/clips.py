@@ -1,12 +1,14 @@
-"""Motions from files that hold a skeleton of their own, on the skeleton of a character."""
+"""Clips of files as motions of the skeleton of a character."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from nilbs.characters.report import Report
+from nilbs.geometry.kinematics import bone_order, forward_kinematics
 from nilbs.geometry.plane import transforms_in_plane
 from nilbs.geometry.retargeting import guess_bone_map, retarget
 from nilbs.geometry.skeleton import Skeleton
@@ -14,77 +16,95 @@ from nilbs.geometry.validation import listed
 from nilbs.io.bone_map import read_bone_map
 from nilbs.io.bundle import Clip
 from nilbs.io.errors import FileFormatError
+from nilbs.io.motion import LocalMotion, read_motion_json, read_transforms
 
 BoneMap = Mapping[str, str | None] | str | os.PathLike
 
-SAME_PLACE = 1e-4  # of the skeleton's size: joints that are nearer are the same
+FPS = 24  # frames a second of a motion without times
+_SAME_PLACE = 1e-4  # of the skeleton's size: joints that are nearer are the same
 
 
-def chosen_clip(path: Path, name: str | None, report: Report) -> Clip:
-    """Read a motion from a file that holds its skeleton too.
+def own_clip(path: str | os.PathLike, skeleton: Skeleton) -> Clip:
+    """The motion of a skeleton in a `.dmat` or `.json` file, which holds no skeleton of its own."""
+    path, times = Path(path), None
+    if path.suffix.lower() == ".json":
+        motion = read_motion_json(path, skeleton.names, skeleton.d)
+        with np.errstate(over="ignore", invalid="ignore"):
+            B, times = _posed(skeleton, motion), motion.times
+        check_finite(path, B, skeleton)
+    else:
+        B = read_transforms(path)
+        if B.shape[1] != len(skeleton.BE):
+            raise FileFormatError(path, f"moves {B.shape[1]} bones, but the rig has {len(skeleton.BE)}")
+        B = in_plane(path, B) if skeleton.d == 2 else B
+    return Clip(path.stem, skeleton, np.arange(len(B)) / FPS if times is None else times, B, str(path))
 
-    Parameters
-    ----------
-    path : path
-    name : str, optional
-        Of the motion; the first by default, and the others are reported.
-    report : function of str
 
-    Returns
-    -------
-    clip : Clip
+def _posed(skeleton: Skeleton, motion: LocalMotion) -> np.ndarray:
+    """Transforms of local motions; bones whose transform is given take it, and those below hang from it."""
+    c = skeleton
+    parts = {"translation": motion.translation, "scale": motion.scale}
+    if motion.given is None:
+        return forward_kinematics(c.C, c.BE, c.P, motion.theta, root_translation=motion.root_translation, **parts)
+    moved = np.where((c.P < 0)[:, None], motion.root_translation[:, None], 0.0)
+    parts["translation"] = moved if motion.translation is None else moved + motion.translation
+    B = forward_kinematics(c.C, c.BE, np.full(len(c.P), -1), motion.theta, **parts)  # each relative to its parent
+    for bone in bone_order(c.P):
+        if c.P[bone] >= 0:
+            B[:, bone] = B[:, c.P[bone]] @ B[:, bone]
+        given = np.isfinite(motion.given[:, bone]).all(axis=(-1, -2))
+        B[given, bone] = motion.given[given, bone]
+    return B
 
-    Raises
-    ------
-    FileFormatError
-        If the file holds no motion, none of that name, or one without frames.
-    OSError
-        If it cannot be read.
-    """
-    from nilbs.io.registry import read_bundle
 
-    parts = read_bundle(path)
-    for note in parts.notes:
-        report(f"{path.name}: {note}")
-    names = [clip.name for clip in parts.clips]
-    if not names:
-        raise FileFormatError(path, "the file holds no motion")
-    if name is not None and name not in names:
-        raise FileFormatError(path, f"there is no motion {name!r}; the file holds {_quoted(names)}")
-    chosen = parts.clips[0 if name is None else names.index(name)]
-    if name is None and len(names) > 1:
-        report(f"{path.name}: took the motion {chosen.name!r}; the file also holds {_quoted(names[1:])}")
-    if not len(chosen.B):
-        raise FileFormatError(path, f"the motion {chosen.name!r} has no frame")
+def check_finite(path: Path, B: np.ndarray, skeleton: Skeleton) -> None:
+    """Refuse transforms that overflowed."""
+    bad = np.argwhere(~np.isfinite(B).all(axis=(-1, -2)))
+    if len(bad):
+        raise FileFormatError(
+            path, f"frame {bad[0][0]} moves bone {skeleton.names[bad[0][1]]!r} farther than numbers go"
+        )
+
+
+def clips_named(clips: Sequence[Clip], name: str | None) -> tuple[Clip, ...]:
+    """The clips of a name, or all that have a frame; an error if there is none."""
+    chosen = tuple(clip for clip in clips if (len(clip.B) if name is None else clip.name == name))
+    if not chosen or not any(len(clip.B) for clip in chosen):
+        files = " and ".join(dict.fromkeys(clip.file for clip in clips))
+        wrong = (
+            f"the motion {clips[0].name!r} has no frame"
+            if chosen or name is None
+            else f"there is no motion {name!r}, but {listed([repr(clip.name) for clip in clips])}"
+        )
+        raise FileFormatError(files, wrong)
     return chosen
 
 
+def on_skeleton(
+    clips: Sequence[Clip], target: Skeleton, *, bone_map: BoneMap | None = None, report: Report
+) -> tuple[Clip, ...]:
+    """The clips as motions of a skeleton; what is reported of several clips alike is reported once."""
+    reported: set[str] = set()
+
+    def once(line: str) -> None:
+        if line not in reported:
+            reported.add(line)
+            report(line)
+
+    return tuple(
+        replace(clip, skeleton=target, B=clip_transforms(Path(clip.file), clip, target, bone_map, once))
+        for clip in clips
+    )
+
+
 def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap | None, report: Report) -> np.ndarray:
-    """Transforms of bones that move as a clip does.
+    """Transforms (t, b, d+1, d+1) of the target's bones, which move as a clip does.
 
-    Parameters
-    ----------
-    path : path
-        Where the clip came from, for errors and reports.
-    clip : Clip
-    target : Skeleton
-        With b bones.
-    bone_map : mapping or path, optional
-        Which bone of the target follows which of the clip. By default the clip's own transforms, where it has the
-        target's names and joints; else guessed.
-    report : function of str
-
-    Returns
-    -------
-    B : (t, b, d+1, d+1) float array
-
-    Raises
-    ------
-    FileFormatError
-        If the clip leaves the plane of a flat target, or the map cannot be read.
-    ValueError
-        If no bone of the target follows one of the clip, or the map names bones that do not exist.
+    `bone_map` names the bone of the clip that each bone of the target follows. By default they are the clip's own
+    transforms, where it has the target's names and joints; else the map is guessed. `path` is for errors and reports.
     """
+    if clip.skeleton is target:
+        return clip.B
     source, B = clip.skeleton, clip.B
     if target.d == 2:
         try:
@@ -94,6 +114,7 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
         B = in_plane(path, B)
     own = _own_bones(source, target) if bone_map is None else None
     if own is not None:
+        check_finite(path, B[:, own], target)
         return B[:, own]
     if isinstance(bone_map, str | os.PathLike):
         bone_map = read_bone_map(bone_map)
@@ -104,6 +125,7 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
         raise ValueError(f"{path}: {error}") from None
     for line in bone_map_lines(source, target, guessed):
         report(f"{path.name}: {line}")
+    check_finite(path, moved.B, target)
     report(f"{path.name}: {_axes(moved.axes)}; lengths are multiplied by {moved.scale:.4g}")
     if moved.from_first.any():
         axes = " and ".join("xyz"[axis] for axis in np.flatnonzero(moved.from_first))
@@ -112,20 +134,7 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
 
 
 def bone_map_lines(source: Skeleton, target: Skeleton, bone_map: Mapping[str, str | None]) -> list[str]:
-    """Say in lines which bones follow which: a table by bones of the motion, and what is left over.
-
-    Parameters
-    ----------
-    source : Skeleton
-        Of the motion.
-    target : Skeleton
-        Of the character.
-    bone_map : mapping of str to str or None
-        Target to source.
-
-    Returns
-    -------
-    lines : list of str
+    """Which bones follow which, by bones of the source, and what is left over; `bone_map` leads from target to source.
 
     Examples
     --------
@@ -165,7 +174,7 @@ def _own_bones(source: Skeleton, target: Skeleton) -> np.ndarray | None:
     own = np.array([numbers[name] for name in target.names])
     start, size = target.C[target.BE[:, 0]], np.linalg.norm(np.ptp(target.C, axis=0))
     apart = np.linalg.norm(source.C[source.BE[own, 0]] - start, axis=1)
-    return own if (apart <= SAME_PLACE * size).all() else None
+    return own if (apart <= _SAME_PLACE * size).all() else None
 
 
 def in_plane(path: Path, B: np.ndarray) -> np.ndarray:
@@ -183,7 +192,3 @@ def _axes(R: np.ndarray) -> str:
     row = np.abs(R).argmax(axis=0)
     turns = [f"its {'xyz'[a]} is {'-' if R[row[a], a] < 0 else ''}{'xyz'[row[a]]} here" for a in range(len(R))]
     return "axes differ: " + ", ".join(turns)
-
-
-def _quoted(names: list[str]) -> str:
-    return listed([repr(name) for name in names])

@@ -1,35 +1,39 @@
 """Motions: a sequence of poses over time, with the frames that they were taken from."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nilbs.characters import AMPLITUDE, FRAMES
 from nilbs.characters.character import Character
+from nilbs.characters.clips import FPS, BoneMap, clips_named, on_skeleton, own_clip
 from nilbs.characters.report import Report, silent
 from nilbs.geometry.kinematics import (
-    bone_order,
     forward_kinematics,
     interpolate_poses,
     local_rotations,
     rms_rotation,
     smooth_random_rotations,
 )
+from nilbs.geometry.plane import transforms_in_space
 from nilbs.geometry.rotations import interpolate_transforms
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
-
-if TYPE_CHECKING:
-    from nilbs.characters.clips import BoneMap
-    from nilbs.io.motion import LocalMotion
-
-FPS = 24  # frames a second of a motion that does not tell its times
+from nilbs.io.bundle import Clip
+from nilbs.io.errors import FileFormatError, check_suffix
+from nilbs.io.registry import MOTIONS, OWN_MOTIONS, read_bundle
 
 
 def _unknown() -> np.ndarray:
     return np.zeros(0)
+
+
+def _at_least_one(n: int) -> int:
+    if n < 1:
+        raise ValueError(f"a motion needs at least one frame, got {n}")
+    return n
 
 
 @dataclass(frozen=True)
@@ -48,11 +52,14 @@ class Motion:
         Seconds of every frame, not decreasing; by default its number at 24 frames a second.
     skeleton : Skeleton, optional
         Whose bones move. Without one, poses between frames are found bone by bone.
+    clips : tuple of (str, int)
+        Name and first frame of each clip, in a motion of several that follow each other. No pose lies between the last
+        frame of one and the first of the next.
 
     Raises
     ------
     ValueError
-        If sizes disagree, a number is not finite or times decrease.
+        If sizes disagree, a number is not finite, times decrease, or clips do not start one after the other from 0.
     """
 
     B: np.ndarray
@@ -60,6 +67,7 @@ class Motion:
     source: str
     times: np.ndarray = field(default_factory=_unknown)
     skeleton: Skeleton | None = None
+    clips: tuple[tuple[str, int], ...] = ()
 
     def __post_init__(self) -> None:
         B, frames = arrays(B=(self.B, "t b d+1 d+1"), frames=(self.frames, "t", int))
@@ -73,6 +81,9 @@ class Motion:
                 f"the motion has shape {B.shape}, but the skeleton has {len(self.skeleton.BE)} bones "
                 f"in {self.skeleton.d} dimensions"
             )
+        starts = [start for _, start in self.clips]
+        if starts and (starts[0] != 0 or (np.diff([*starts, len(B)]) <= 0).any()):
+            raise ValueError(f"clips must start one after the other from frame 0 of {len(B)}, got {starts}")
 
     def __len__(self) -> int:
         return len(self.B)
@@ -93,7 +104,8 @@ class Motion:
         """Pose at a frame or a time, and between frames.
 
         Between two frames local rotations are slerped and the roots' translation is linear, so that joints stay
-        together; transforms that the skeleton's rotations cannot make are taken bone by bone.
+        together; transforms that the skeleton's rotations cannot make are taken bone by bone. After the last frame of
+        one clip that pose stays until the next clip starts.
 
         Parameters
         ----------
@@ -126,26 +138,55 @@ class Motion:
                 raise ValueError(f"there is no frame {frame:g}: the motion has {len(self)} frames, counted from 0")
             k = int(frame)  # type: ignore[arg-type]
             s = frame - k  # type: ignore[operator]
-        if s == 0:
+        if s == 0 or k not in self.gaps():
             return self.B[k]
         if self.skeleton is None:
             return interpolate_transforms(self.B[k], self.B[k + 1], s)
         return interpolate_poses(self.skeleton.C, self.skeleton.BE, self.skeleton.P, self.B[k], self.B[k + 1], s)
 
+    def gaps(self) -> np.ndarray:
+        """Frames k for which poses lie between k and k + 1: all but the last of each clip."""
+        return np.setdiff1d(np.arange(len(self) - 1), [start - 1 for _, start in self.clips])
+
     def take(self, n: int) -> "Motion":
-        """Motion of n evenly spaced frames, the first and the last among them; all, where there are fewer.
+        """Motion of n frames that are evenly spaced in number, the first and the last among them; all, if it has fewer.
 
         Raises
         ------
         ValueError
             If n is not positive.
         """
-        if n < 1:
-            raise ValueError(f"a motion needs at least one frame, got {n}")
+        return self._taken(np.linspace(0, len(self) - 1, _at_least_one(n)), n)
+
+    def spread(self, n: int) -> "Motion":
+        """Motion of at most n frames that are evenly spread over its duration; all, if it has no more.
+
+        Each is the frame nearest in time to one of n evenly spaced times; none is taken twice.
+
+        Raises
+        ------
+        ValueError
+            If n is not positive.
+        """
+        if not len(self) or self.times[0] == self.times[-1]:
+            return self.take(n)
+        wanted = np.linspace(self.times[0], self.times[-1], _at_least_one(n))
+        place = np.interp(wanted, self.times, np.arange(len(self)))
+        return self._taken(np.round(place, 9), n)  # times of even frames are not quite even
+
+    def _taken(self, place: np.ndarray, n: int) -> "Motion":
         if n >= len(self):
             return self
-        chosen = np.round(np.linspace(0, len(self) - 1, n)).astype(np.int64)
-        return Motion(self.B[chosen], self.frames[chosen], self.source, self.times[chosen], self.skeleton)
+        chosen = np.unique(np.round(place).astype(np.int64))
+        first = np.searchsorted(chosen, [start for _, start in self.clips])
+        clips = {int(k): name for (name, _), k in zip(self.clips, first, strict=True) if k < len(chosen)}
+        return replace(
+            self,
+            B=self.B[chosen],
+            frames=self.frames[chosen],
+            times=self.times[chosen],
+            clips=tuple((name, start) for start, name in clips.items()),
+        )
 
     def rms_rotation(self, character: Character) -> float | None:
         """Root mean square of the local rotation angles of all bones but the roots, in radians.
@@ -189,8 +230,7 @@ def random_motion(character: Character, *, frames: int = FRAMES, amplitude: floa
     >>> random_motion(character, frames=3).B.shape
     (3, 2, 3, 3)
     """
-    if frames < 1:
-        raise ValueError(f"a motion needs at least one frame, got {frames}")
+    _at_least_one(frames)
     rng = np.random.default_rng(seed)
     theta = smooth_random_rotations(character.skeleton.P, character.d, frames, amplitude=amplitude, rng=rng)
     B = forward_kinematics(character.skeleton.C, character.skeleton.BE, character.skeleton.P, theta)
@@ -203,10 +243,10 @@ def load_motion(
     character: Character | Skeleton,
     *,
     clip: str | None = None,
-    bone_map: "BoneMap | None" = None,
+    bone_map: BoneMap | None = None,
     report: Report | None = None,
 ) -> Motion:
-    """Read a motion, and put it on a character if it was made for another.
+    """Load a motion, and put it on a character if it was made for another.
 
     Parameters
     ----------
@@ -217,9 +257,9 @@ def load_motion(
     character : Character or Skeleton
         Whose bones move.
     clip : str, optional
-        Name of the motion, in a file with several; the first by default.
+        Name of the motion, in a file with several; all by default, one after the other.
     bone_map : mapping or path, optional
-        For bones of the character, by name, the bones of the file that they follow, or the JSON file that says so, see
+        For bones of the character, by name, the bones of the file that they follow, or a JSON file of these, see
         `nilbs.io.bone_map.read_bone_map`. Guessed by default.
     report : function of str, optional
         Receives a line on each decision that the files left open.
@@ -247,62 +287,64 @@ def load_motion(
     >>> load_motion(path, skeleton_of_bones([[0, 0], [1, 0]], [[0, 1]])).times.round(3)
     array([0.   , 0.042])
     """
-    from nilbs.characters.clips import chosen_clip, clip_transforms
-    from nilbs.io.errors import FileFormatError, check_suffix
-    from nilbs.io.registry import MOTIONS, OWN_MOTIONS
-
+    path = Path(path)
     report = report or silent
     skeleton = character if isinstance(character, Skeleton) else character.skeleton
-    path = Path(path)
-    suffix = check_suffix(path, *MOTIONS)
-    if suffix in OWN_MOTIONS:
-        if clip is not None or bone_map is not None:
-            what = "clip" if clip is not None else "bone map"
-            raise FileFormatError(
-                path, f"a {suffix} file moves the character's own bones: there is no {what} to choose"
-            )
-        B, times = _own_transforms(path, suffix, skeleton)
-        source = path.name
-    else:
-        found = chosen_clip(path, clip, report)
-        B, times = clip_transforms(path, found, skeleton, bone_map, report), found.times
-        source = path.name if clip is None else f"{path.name}, {found.name}"
-    bad = np.argwhere(~np.isfinite(B).all(axis=(-1, -2)))
-    if len(bad):
-        raise FileFormatError(
-            path, f"frame {bad[0][0]} moves bone {skeleton.names[bad[0][1]]!r} farther than numbers go"
-        )
-    return Motion(B, np.arange(len(B)), source, times, skeleton)
+    if check_suffix(path, *MOTIONS) in OWN_MOTIONS:
+        for value, what in ((clip, "clip"), (bone_map, "bone map")):
+            if value is not None:
+                raise FileFormatError(
+                    path, f"a {path.suffix} file moves the character's own bones: there is no {what} to choose"
+                )
+        return motion_of_clips([own_clip(path, skeleton)], skeleton)
+    bundle = read_bundle(path)
+    for note in bundle.notes:
+        report(f"{path.name}: {note}")
+    if not bundle.clips:
+        raise FileFormatError(path, "the file holds no motion")
+    clips = [replace(found, file=str(path)) for found in bundle.clips]
+    return motion_of_clips(clips, skeleton, clip=clip, bone_map=bone_map, report=report)
 
 
-def _own_transforms(path: Path, suffix: str, skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
-    """Transforms of a file without a skeleton, and its times; no times where it does not tell."""
-    from nilbs.characters.clips import in_plane
-    from nilbs.io.errors import FileFormatError
-    from nilbs.io.motion import read_motion_json, read_transforms
+def motion_of_clips(
+    clips: Sequence[Clip],
+    skeleton: Skeleton,
+    *,
+    clip: str | None = None,
+    bone_map: BoneMap | None = None,
+    report: Report | None = None,
+) -> Motion:
+    """Clips of a file, or of several, as one motion of a skeleton: one after the other, or the one of a name."""
+    chosen = on_skeleton(clips_named(clips, clip), skeleton, bone_map=bone_map, report=report or silent)
+    sources = []
+    for file in dict.fromkeys(found.file for found in chosen):
+        names = [found.name for found in chosen if found.file == file]
+        alone = clip is None and sum(found.file == file for found in clips) == 1
+        sources.append(Path(file).name if alone else ", ".join([Path(file).name, *names]))
+    starts = np.cumsum([0, *(len(found.B) for found in chosen)]).tolist()
+    times, end = [chosen[0].times], chosen[0].times[-1]
+    for found in chosen[1:]:
+        times.append(found.times - found.times[0] + end)
+        end = times[-1][-1]
+    return Motion(
+        np.concatenate([found.B for found in chosen]),
+        np.arange(starts[-1]),
+        "; ".join(sources),
+        np.concatenate(times),
+        skeleton,
+        tuple(zip((found.name for found in chosen), starts, strict=False)) if len(chosen) > 1 else (),
+    )
 
-    if suffix == ".json":
-        motion = read_motion_json(path, skeleton.names, skeleton.d)
-        with np.errstate(over="ignore", invalid="ignore"):
-            return _posed(skeleton, motion), _unknown() if motion.times is None else motion.times
-    B = read_transforms(path)
-    if B.shape[1] != len(skeleton.BE):
-        raise FileFormatError(path, f"moves {B.shape[1]} bones, but the rig has {len(skeleton.BE)}")
-    return in_plane(path, B) if skeleton.d == 2 else B, _unknown()
 
-
-def _posed(skeleton: Skeleton, motion: "LocalMotion") -> np.ndarray:
-    """Transforms of local motions; bones whose transform is given take it, and those below hang from it."""
-    c = skeleton
-    parts = {"translation": motion.translation, "scale": motion.scale}
-    if motion.given is None:
-        return forward_kinematics(c.C, c.BE, c.P, motion.theta, root_translation=motion.root_translation, **parts)
-    moved = np.where((c.P < 0)[:, None], motion.root_translation[:, None], 0.0)
-    parts["translation"] = moved if motion.translation is None else moved + motion.translation
-    B = forward_kinematics(c.C, c.BE, np.full(len(c.P), -1), motion.theta, **parts)  # each relative to its parent
-    for bone in bone_order(c.P):
-        if c.P[bone] >= 0:
-            B[:, bone] = B[:, c.P[bone]] @ B[:, bone]
-        given = np.isfinite(motion.given[:, bone]).all(axis=(-1, -2))
-        B[given, bone] = motion.given[given, bone]
-    return B
+def clips_of(motion: Motion, skeleton: Skeleton) -> tuple[Clip, ...]:
+    """The clips of a motion as files hold them: in space, each with a name and times of its own."""
+    space, B = skeleton.in_space(), transforms_in_space(motion.B)
+    if not motion.clips:
+        source = Path(motion.source)
+        name = source.stem if source.suffix.lower() in MOTIONS else motion.source  # it may end in a number with a point
+        return (Clip(name, space, motion.times, B),)
+    ends = [start for _, start in motion.clips[1:]] + [len(motion)]
+    return tuple(
+        Clip(name, space, motion.times[start:end] - motion.times[start], B[start:end])
+        for (name, start), end in zip(motion.clips, ends, strict=True)
+    )

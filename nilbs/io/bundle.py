@@ -1,4 +1,4 @@
-"""What a file can hold of a character: a mesh, a skeleton, painted weights, motions; any of them may be missing."""
+"""What files hold of a character: a mesh, a skeleton, weights, motions; any of them may be missing."""
 
 import os
 from collections.abc import Mapping
@@ -8,6 +8,7 @@ import numpy as np
 
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.errors import FileFormatError
+from nilbs.io.motion import LocalMotion
 
 
 @dataclass(frozen=True)
@@ -51,18 +52,27 @@ def select_group(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 @dataclass(frozen=True)
 class Influences:
-    """Painted weights, as sparse as the file has them: bone `bone[i]` moves vertex `vertex[i]` by `weight[i]`.
+    """Skinning weights, as sparse as the file has them: bone `bone[i]` moves vertex `vertex[i]` by `weight[i]`.
 
     Attributes
     ----------
     vertex, bone : (i,) int arrays
     weight : (i,) float array
         Finite, as in the file: rows may not sum to one. A pair that is named twice counts with its sum.
+    shape : (int, int), optional
+        How many vertices and bones there are, in a file that holds the whole matrix.
     """
 
     vertex: np.ndarray
     bone: np.ndarray
     weight: np.ndarray
+    shape: tuple[int, int] | None = None
+
+    @classmethod
+    def of_matrix(cls, W: np.ndarray) -> "Influences":
+        """The weights of a matrix (n, b) that are not zero."""
+        vertex, bone = np.nonzero(W)
+        return cls(vertex, bone, W[vertex, bone], (len(W), W.shape[1]))
 
     def dense(self, n: int, b: int, path: str | os.PathLike) -> np.ndarray:
         """Weights (n, b) of n vertices, zero where the file names none; FileFormatError for another vertex or bone."""
@@ -78,7 +88,7 @@ class Influences:
 
 @dataclass(frozen=True)
 class Clip:
-    """A motion of a skeleton of its own.
+    """A motion of a skeleton.
 
     Attributes
     ----------
@@ -89,17 +99,20 @@ class Clip:
         Seconds, not decreasing.
     B : (t, b, 4, 4) float array
         Transforms of the skeleton's bones, rest to posed, in world coordinates.
+    file : str
+        Where it was read from.
     """
 
     name: str
     skeleton: Skeleton
     times: np.ndarray
     B: np.ndarray
+    file: str = ""
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """What was found of a character.
+    """What was found of a character, in one file or in several that were fitted together.
 
     Attributes
     ----------
@@ -110,6 +123,10 @@ class Bundle:
     clips : tuple of Clip
     notes : tuple of str
         A sentence on everything that was left out or decided for the user.
+    motion : LocalMotion or (t, b, 4, 4) float array, optional
+        A motion of bones that the file does not describe, by their names or in their order.
+    taken : mapping of str to list of str
+        What each of several files brought: of "mesh", "rig", "weights" and "motion".
     """
 
     mesh: Mesh | None = None
@@ -117,3 +134,5 @@ class Bundle:
     influences: Influences | None = None
     clips: tuple[Clip, ...] = ()
     notes: tuple[str, ...] = ()
+    motion: LocalMotion | np.ndarray | None = None
+    taken: Mapping[str, list[str]] = field(default_factory=dict)

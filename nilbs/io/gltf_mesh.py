@@ -38,7 +38,8 @@ def read_meshes(file: Document, nodes: Nodes, rig: Rig) -> tuple[Mesh | None, In
         unbound = ["no mesh hangs on the skeleton: the file has no weights"] if rig.skeleton else []
         return mesh, None, pile.notes + unbound
     loose = [f"{nodes.label(node)} hangs on no joint: it follows the first root" for node in pile.loose]
-    influences = Influences(*(np.concatenate(column) for column in zip(*pile.moved, strict=True)))
+    vertex, bone, weight = (np.concatenate(column) for column in zip(*pile.moved, strict=True))
+    influences = Influences(vertex, bone, weight)
     return mesh, influences, pile.notes + loose
 
 

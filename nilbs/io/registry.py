@@ -1,16 +1,19 @@
-"""Which file holds what, and one reader of all files that describe their own mesh, bones, weights or motion."""
+"""Which file holds what, and the one reader of everything that a file holds of a character."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from nilbs.geometry.skeleton import skeleton_of_bones
-from nilbs.io.bundle import Bundle
+from nilbs.io.bundle import Bundle, Influences
 from nilbs.io.dmat import read_dmat
 from nilbs.io.errors import FileFormatError, check_suffix
+from nilbs.io.motion import read_motion_json, read_transforms
 from nilbs.io.npz import NpzFile
 from nilbs.io.tgf import read_tgf
+from nilbs.io.weights import read_weights
 
 MESHES = (".obj", ".ply", ".off", ".stl", ".3mf")
 OUTLINES = (".obj", ".ply")  # that can hold the edges of a flat shape
@@ -25,44 +28,34 @@ WRITABLE = (*MESHES, ".glb", ".gltf", ".txt", ".tgf", ".dmat", ".npz", ".bvh")
 _WEIGHTS_TOLERANCE = 0.1  # of the median row's sum from one
 
 
-def kind_of(path: str | os.PathLike) -> str:
-    """What a file holds: "parts" (what `read_bundle` reads), "weights" or "motion", of bones that are elsewhere.
-
-    The suffix decides, and where it leaves that open the content.
-
-    Examples
-    --------
-    >>> kind_of("body.glb"), kind_of("walk.json")
-    ('parts', 'motion')
-    """
-    suffix = check_suffix(path, *READABLE)
-    if suffix == ".dmat":
-        return "weights" if looks_like_weights(read_dmat(path)) else "motion"
-    if suffix == ".npz":
-        return "parts" if "v_template" in NpzFile(path).names else "weights"  # a body model of the SMPL family
-    return {".mhw": "weights", ".json": "motion"}.get(suffix, "parts")
-
-
 def looks_like_weights(A: np.ndarray) -> bool:
     """Whether a matrix is skinning weights and not transforms, which take 12 rows a bone and a column a frame.
 
-    Weights are what cannot hold transforms, and a matrix in which most rows sum to about one.
+    True where most rows sum to about one, or where A cannot hold transforms.
+
+    Examples
+    --------
+    >>> looks_like_weights(np.full((24, 2), 0.5)), looks_like_weights(np.ones((24, 2)))
+    (True, False)
     """
     return bool(A.size == 0 or len(A) % 12 or np.median(np.abs(A.sum(axis=1) - 1)) < _WEIGHTS_TOLERANCE)
 
 
-def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Bundle:
-    r"""Read whatever a file holds of a character: mesh, skeleton, painted weights, motions.
+def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None, names: Sequence[str] | None = None) -> Bundle:
+    r"""Read whatever a file holds of a character: mesh, skeleton, weights, motions.
 
     Parameters
     ----------
     path : str or path
         `.obj`, `.ply`, `.off`, `.stl`, `.3mf`: a mesh. `.tgf`: a rig. `.txt`: a rig with weights, as RigNet writes it.
         `.mhskel`: a rig of MakeHuman, with the weights beside it that it names. `.bvh`: a skeleton and its motion.
-        `.glb`, `.gltf`, and `.fbx` where Blender is installed: everything. `.npz` with `v_template`: a body model of
-        the SMPL family.
+        `.glb`, `.gltf`, and `.fbx` where Blender is installed: everything. `.npz`: a body model of the SMPL family,
+        where it has `v_template`, else weights. `.mhw`: weights. `.json`: a motion of bones by name. `.dmat`: weights,
+        or transforms of bones, whichever the numbers can be.
     V : (n, 3) float array, optional
         Vertices of the whole mesh file that the rig was made for; the joints of `.mhskel` are means of these.
+    names : sequence of str, optional
+        Names of the rig's bones; the weights of `.mhw` are by name.
 
     Returns
     -------
@@ -71,7 +64,7 @@ def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Bund
     Raises
     ------
     FileFormatError
-        If the file is not what its suffix says, holds weights or a motion alone, or is a `.mhskel` without V.
+        If the file is not what its suffix promises, or is a `.mhskel` without V or a `.mhw` without names.
     OSError
         If it cannot be read.
 
@@ -83,11 +76,7 @@ def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Bund
     >>> read_bundle(path).skeleton.names
     ('bone0',)
     """
-    kind = kind_of(path)
-    if kind != "parts":
-        what = {"weights": "weights of vertices", "motion": "a motion of bones"}[kind]
-        raise FileFormatError(path, f"the file holds {what} and no mesh or rig")
-    suffix = Path(path).suffix.lower()
+    suffix = check_suffix(path, *READABLE)
     if suffix in MESHES:
         from nilbs.io.mesh import read_mesh_parts
 
@@ -110,13 +99,25 @@ def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None) -> Bund
         from nilbs.io.bvh import read_bvh
 
         return read_bvh(path)
-    if suffix == ".npz":
+    if suffix == ".txt":
+        from nilbs.io.rignet import read_rignet
+
+        return read_rignet(path)
+    if suffix == ".npz" and "v_template" in NpzFile(path).names:
         from nilbs.io.smpl import read_smpl
 
         return read_smpl(path)
-    from nilbs.io.rignet import read_rignet
+    if suffix == ".mhw":
+        from nilbs.io.makehuman import read_mhw
 
-    return read_rignet(path)
+        if names is None:
+            raise FileFormatError(path, "its weights are of bones by name: give the mesh and the rig too")
+        return Bundle(influences=read_mhw(path, names))
+    if suffix == ".json":
+        return Bundle(motion=read_motion_json(path))
+    if suffix == ".dmat" and not looks_like_weights(read_dmat(path)):
+        return Bundle(motion=read_transforms(path))
+    return Bundle(influences=Influences.of_matrix(read_weights(path)))
 
 
 def _read_makehuman(path: str | os.PathLike, V: np.ndarray | None) -> Bundle:

@@ -203,7 +203,8 @@ def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: i
     motion : Motion
         The training frames.
     name : str
-        "seen": ten evenly spaced training frames. "interpolated": the middles of ten evenly spaced gaps between them.
+        "seen": ten evenly spaced training frames. "interpolated": the middles of ten evenly spaced gaps between them,
+        none between two clips.
         "unseen" and "far": ten random poses from the rest pose, every bone but the roots turned about a random axis by
         a normal angle of standard deviation 0.28 and 0.8 rad. "random S": the same with S rad.
     seed : int
@@ -223,8 +224,8 @@ def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: i
     if name == "seen":
         return motion.take(POSES).B
     if name == "interpolated":
-        count = min(POSES, len(motion) - 1)
-        gaps = np.round(np.linspace(0, len(motion) - 2, count)).astype(int)
+        gaps = motion.gaps()
+        gaps = gaps[np.round(np.linspace(0, len(gaps) - 1, min(POSES, len(gaps)))).astype(int)]
         middles = [
             interpolate_poses(c.skeleton.C, c.skeleton.BE, c.skeleton.P, motion.B[k], motion.B[k + 1], 0.5)
             for k in gaps

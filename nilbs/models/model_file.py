@@ -38,6 +38,7 @@ def save_model(model: Model, path: str | Path) -> None:
         "name": c.name,
         "bones": list(c.skeleton.names),
         "motion": model.motion.source,
+        "clips": model.motion.clips,
         "method": model.method.name,
         "settings": values_of(model.method),
         **model.method.header(field),
@@ -89,7 +90,8 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         part = {name.removeprefix("character."): a for name, a in contents.items() if name.startswith("character.")}
         character = Character.of_arrays(part, name=str(text["name"]), bones=list(map(str, text["bones"])))
         moved = [contents[f"motion.{name}"] for name in ("B", "frames", "times")]
-        motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton)
+        clips = tuple((str(name), int(start)) for name, start in text.get("clips", ()))
+        motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton, clips)
         settings = text["settings"]
         if "method" in settings:
             method = of_version_5(settings)

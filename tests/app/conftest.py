@@ -56,7 +56,7 @@ def d(request):
 @pytest.fixture(scope="session")
 def assets(tmp_path_factory):
     """Folder with, for d = 2 and 3, bar<d>.obj, bar<d>-weights.npz and a barely trained bar<d>.nilbs; and bar.tgf."""
-    from nilbs.characters.loading import load_character
+    from nilbs.characters.bundle import load_character
     from nilbs.characters.motion import random_motion
     from nilbs.models.fitting import fit
 

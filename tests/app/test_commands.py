@@ -5,8 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nilbs.characters.bundle import load_character
+from nilbs.characters.motion import random_motion
+from nilbs.characters.saving import save_character, write_bundle
 from nilbs.geometry.facets import is_watertight
 from nilbs.io import read_mesh, read_npy, read_weights, write_motion_json, write_transforms
+from nilbs.io.bundle import Bundle, Clip, Influences, Mesh
 from nilbs.models.model_file import load_model
 
 
@@ -65,16 +69,16 @@ def test_weights_as_a_table(assets, nilbs):
         (["weights", "bar2.obj", "bar.tgf", "-o", "out/no/w.npz"], "out/no: the folder does not exist"),
         (["weights", "bar2.obj", "bar.tgf", "-o", "out/w.csv"], "out/w.csv: the file name must end in .npz or .dmat"),
         (["weights", "bar2.obj", "bar.tgf", "-o", "out"], "out: the file name must end in"),
-        (
-            ["weights", "bar3-weights.npz", "bar.tgf"],
-            "bar3-weights.npz: the file holds weights of vertices and no mesh",
-        ),
-        (["weights", "bar2.obj", "bar3.obj"], "bar3.obj: the file holds no rig"),
+        (["weights", "bar2.obj", "bar3.obj"], "bar2.obj and {}/bar3.obj both hold a mesh: leave one out"),
         (["weights", "bar3-weights.npz", "-o", "bar3-weights.npz"], "bar3-weights.npz: this file is read too"),
-        (["weights", "bar.tgf", "bar2.obj"], "bar.tgf: the file holds no mesh: give the mesh first, then the rig"),
-        (["weights", "bar2.obj"], "bar2.obj: the file holds no rig: give its file after the mesh"),
+        (["weights", "bar.tgf"], "bar.tgf: there is no mesh: give its file too"),
+        (["weights", "bar2.obj"], "bar2.obj: there is no rig: give its file too"),
+        (
+            ["weights", "bar2.obj", "bar.tgf", "bar2-weights.npz"],
+            "solved for or read from {}/bar2-weights.npz, not both",
+        ),
         (["weights", "bar2.obj", "far.tgf"], "bar2.obj with {}/far.tgf: the rig is "),
-        (["weights", "bar2.obj", "bar.tgf", "--group", "arm"], "bar2.obj with {}/bar.tgf: the mesh has no group 'arm'"),
+        (["weights", "bar2.obj", "bar.tgf", "--group", "arm"], "bar2.obj: the mesh has no group 'arm'"),
         (["train", "bar2.obj", "bar.tgf", "-o", "out/m.npz"], "out/m.npz: the file name must end in .nilbs"),
         (["train", "bar2.obj", "bar.tgf", "-o", "out/no/m.nilbs"], "out/no: the folder does not exist"),
         (["train", "bar2.obj", "bar.tgf", "--device", "abacus", "-o", "out/m.nilbs"], "torch cannot use the device"),
@@ -94,7 +98,23 @@ def test_weights_as_a_table(assets, nilbs):
             ["train", "bar2.obj", "bar.tgf", "--motion", "one.dmat", "--map", "m.json", "-o", "out/m.nilbs"],
             "one.dmat: a .dmat file moves the character's own bones: there is no bone map to choose",
         ),
-        (["train", "bar2.obj", "bar.tgf", "--clip", "walk", "-o", "out/m.nilbs"], "--clip says how to read a motion"),
+        (
+            ["train", "bar2.obj", "bar.tgf", "--clip", "walk", "-o", "out/m.nilbs"],
+            "--clip is for the motion of a file, and no file",
+        ),
+        (
+            ["train", "bar2.obj", "bar.tgf", "one.json", "--clip", "walk", "-o", "out/m.nilbs"],
+            "no motion 'walk', but 'one'",
+        ),
+        (
+            ["train", "bar2.obj", "bar.tgf", "one.json", "--amplitude", "1", "-o", "out/m.nilbs"],
+            "--amplitude is of random",
+        ),
+        (["train", "bar2.obj", "bar.tgf", "--random", "--motion", "one.json", "-o", "out/m.nilbs"], "leave one out"),
+        (
+            ["train", "bar2.obj", "bar.tgf", "one.json", "--random", "--clip", "one", "-o", "out/m.nilbs"],
+            "--clip is for the motion of a file, and the motion is random",
+        ),
         (
             ["train", "bar2.obj", "bar.tgf", "--weights", "bar2-weights.npz", "--solve", "-o", "out/m.nilbs"],
             "weights are solved for or read from {}/bar2-weights.npz, not both",
@@ -149,6 +169,7 @@ def test_a_mistake_is_named_before_anything_is_written(assets, fails, tmp_path, 
     model[len(model) // 2] ^= 1
     (tmp_path / "flipped.nilbs").write_bytes(model)
     (tmp_path / "far.tgf").write_text("1 0.25 0.5 0\n2 2.1 0.5 0\n3 375 0.5 0\n#\n1 2\n2 3\n#\n")
+    (tmp_path / "one.json").write_text('{"frames": [{"bone0": 3}]}')
     np.save(tmp_path / "x2.npy", np.zeros((4, 2)))
     np.save(tmp_path / "x3.npy", np.zeros((4, 3)))
     write_transforms(tmp_path / "one.dmat", np.eye(4)[None, None])
@@ -239,6 +260,28 @@ def test_train_takes_evenly_spaced_frames_of_a_motion(assets, succeeds, out, tmp
     values = succeeds("train", *files, "--motion", motion, "--frames", 3, "-o", out / "m.nilbs")
     assert (values["frames"], values["motion"]) == (3, "motion.json")
     assert succeeds("info", out / "m.nilbs")["files"][0]["motion"]["original_frames"] == [0, 8]
+
+
+def test_train_moves_as_the_files_do(assets, succeeds, nilbs, out, tmp_path, quick_training):
+    """By all clips of the file that holds everything, by one, or by random motion on request."""
+    c = load_character(assets / "bar3.obj", assets / "bar.tgf", assets / "bar3-weights.npz")
+    clips = tuple(
+        Clip(name, c.skeleton, np.linspace(0, seconds, 5), random_motion(c, frames=5, seed=int(seconds)).B)
+        for name, seconds in (("walk", 1.0), ("run", 2.0))
+    )
+    write_bundle(Bundle(Mesh(c.V, c.F), c.skeleton, Influences.of_matrix(c.W), clips), [tmp_path / "bar.glb"])
+    values = succeeds("train", tmp_path / "bar.glb", "-o", out / "m.nilbs")
+    assert (values["motion"], values["frames"]) == ("bar.glb, walk, run", 10)
+    assert load_model(out / "m.nilbs").motion.clips == (("walk", 0), ("run", 5))
+    values = succeeds("train", tmp_path / "bar.glb", "--frames", 4, "-o", out / "m.nilbs")
+    assert load_model(out / "m.nilbs").motion.frames.tolist() == [0, 5, 7, 9]
+    values = succeeds("train", tmp_path / "bar.glb", "--clip", "run", "-o", out / "m.nilbs")
+    assert (values["motion"], values["frames"]) == ("bar.glb, run", 5)
+    values = succeeds("train", tmp_path / "bar.glb", "--random", "--frames", 3, "-o", out / "m.nilbs")
+    assert (values["motion"].split(",")[0], values["frames"]) == ("random", 3)
+    status, _, err = nilbs("train", tmp_path / "bar.glb", "--clip", "swim", "-o", out / "m.nilbs")
+    assert status == 2
+    assert err.endswith("bar.glb: there is no motion 'swim', but 'walk', 'run'\n")
 
 
 @pytest.mark.parametrize("saved", [True, False])
@@ -381,9 +424,7 @@ def test_evaluate_scores_the_floor_beside_the_model(assets, succeeds, nilbs):
 @pytest.fixture
 def whole(assets, tmp_path, d):
     """One file with the bar, its rig, its weights and a motion of four frames in a tenth of a second each."""
-    from nilbs.characters.loading import load_character
     from nilbs.characters.motion import Motion, random_motion
-    from nilbs.characters.saving import save_character
 
     c = load_character(assets / f"bar{d}.obj", assets / "bar.tgf", assets / f"bar{d}-weights.npz")
     moved = random_motion(c, frames=4, seed=3)

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from nilbs.app.main import main
-from nilbs.characters.loading import read_rigged_mesh
-from nilbs.characters.saving import write_files
+from nilbs.characters.bundle import load_bundle
+from nilbs.characters.saving import write_bundle
 from nilbs.geometry.kinematics import forward_kinematics, smooth_random_rotations
 from nilbs.geometry.plane import in_space
 from nilbs.geometry.skeleton import skeleton_of_joints
-from nilbs.io import read_bundle, read_mesh, read_transforms, read_weights, write_mesh, write_motion_json
+from nilbs.io import read_bundle, read_mesh, read_transforms, read_weights, write_mesh, write_motion_json, write_weights
 from nilbs.io.bone_map import write_bone_map
-from nilbs.io.bundle import Clip, Mesh
+from nilbs.io.bundle import Bundle, Clip, Influences, Mesh
 from nilbs.io.registry import READABLE, WRITABLE
 
 CLOSE = 1e-5  # of the size
@@ -29,8 +29,8 @@ def body(tmp_path, bar, rng):
     theta = smooth_random_rotations(skeleton.P, 3, 6, amplitude=0.5, rng=rng)
     B = forward_kinematics(skeleton.C, skeleton.BE, skeleton.P, theta)
     clip = Clip("wave", skeleton, np.arange(6) / 30, B)
-    write_files([tmp_path / "body.obj", tmp_path / "body_rig.txt"], mesh=Mesh(V, E), skeleton=skeleton, W=W)
-    write_files([tmp_path / "wave.bvh"], skeleton=skeleton, clips=(clip,))
+    files = [tmp_path / name for name in ("body.obj", "body_rig.txt", "wave.bvh")]
+    write_bundle(Bundle(Mesh(V, E), skeleton, Influences.of_matrix(W), (clip,)), files)
     return tmp_path
 
 
@@ -43,10 +43,15 @@ def out(tmp_path):
 
 def posed(folder, *names, B=None):
     """Posed vertices of a character in files, by transforms or by its own first motion."""
-    rigged = read_rigged_mesh(*(folder / name for name in names))
-    B = rigged.clips[0].B if B is None else B
-    V = np.hstack([in_space(rigged.V), np.ones((len(rigged.V), 1))])
-    return np.einsum("vb,tbij,vj->tvi", rigged.W, B, V)[..., :3]
+    bundle = load_bundle([folder / name for name in names])
+    B = bundle.clips[0].B if B is None else B
+    V = np.hstack([in_space(bundle.mesh.V), np.ones((len(bundle.mesh.V), 1))])
+    return np.einsum("vb,tbij,vj->tvi", weights_of(bundle), B, V)[..., :3]
+
+
+def weights_of(bundle):
+    """The matrix of a bundle's weights."""
+    return bundle.influences.dense(*bundle.influences.shape, "a bundle")
 
 
 def test_a_body_its_rig_and_a_motion_in_one_file_and_back(body, out, succeeds):
@@ -93,9 +98,9 @@ def test_a_flat_character(assets, out, succeeds, tmp_path):
     write_motion_json(motion, ["bone0", "bone1"], np.linspace(0, 1, 3)[:, None, None] * [[0.2], [1]], np.ones((3, 2)))
     files = (assets / "bar2.obj", assets / "bar.tgf", assets / "bar2-weights.npz", motion)
     succeeds("convert", *files, "-o", out / "x.glb", out / "x-motion.dmat")
-    rigged = read_rigged_mesh(out / "x.glb")
-    assert rigged.V.shape == (27, 2)
-    assert np.abs(rigged.clips[0].B - read_transforms(out / "x-motion.dmat")).max() <= 1e-6
+    bundle = load_bundle([out / "x.glb"])
+    assert bundle.mesh.V.shape == (27, 2)
+    assert np.abs(bundle.clips[0].B - read_transforms(out / "x-motion.dmat")).max() <= 1e-6
     assert np.abs(posed(out, "x.glb")[..., 2]).max() <= 1e-9
 
 
@@ -117,8 +122,8 @@ def test_a_mesh_through_trimesh(body, out, succeeds, suffix):
     assert np.allclose(U[G], V[F], rtol=1e-6, atol=1e-6)
     assert succeeds("info", out / f"x{suffix}")["files"][0]["facets"] == len(F)
     if suffix != ".stl":
-        read = read_rigged_mesh(out / f"x{suffix}", body / "body_rig.txt")
-        assert np.abs(read.V - V).max() <= 1e-15
+        read = load_bundle([out / f"x{suffix}", body / "body_rig.txt"])
+        assert np.abs(read.mesh.V - V).max() <= 1e-15
 
 
 def test_a_group_of_a_mesh(out, succeeds, tmp_path):
@@ -169,13 +174,19 @@ def test_a_clip_is_chosen_by_name(body, out, succeeds, fails):
         Clip(name, parts.skeleton, parts.clips[0].times[:n], parts.clips[0].B[:n])
         for name, n in (("walk", 2), ("run", 3))
     )
-    write_files([body / "two.glb"], skeleton=parts.skeleton, clips=clips)
+    write_bundle(Bundle(skeleton=parts.skeleton, clips=clips), [body / "two.glb"])
     values = succeeds("convert", body / "two.glb", "-o", out / "x.glb")
     assert values["sizes"]["motion"] == "walk: 2 frames; run: 3 frames"
+    # All of a file that moves another rig, too.
+    values = succeeds("convert", body / "body.obj", body / "body_rig.txt", body / "two.glb", "-o", out / "y.glb")
+    assert values["sizes"]["motion"] == "walk: 2 frames; run: 3 frames"
+    assert [clip.name for clip in read_bundle(out / "y.glb").clips] == ["walk", "run"]
     assert "choose one of walk, run" in fails("convert", body / "two.glb", "-o", out / "x.bvh")
     succeeds("convert", body / "two.glb", "--clip", "run", "-o", out / "x.bvh")
     assert len(read_bundle(out / "x.bvh").clips[0].B) == 3
-    assert "no motion 'fly', but walk, run" in fails("convert", body / "two.glb", "--clip", "fly", "-o", out / "x.bvh")
+    assert "there is no motion 'fly', but 'walk', 'run'" in fails(
+        "convert", body / "two.glb", "--clip", "fly", "-o", out / "x.bvh"
+    )
 
 
 def test_weights_that_are_missing_are_solved_on_request(assets, out, succeeds, fails):
@@ -187,7 +198,7 @@ def test_weights_that_are_missing_are_solved_on_request(assets, out, succeeds, f
     succeeds("convert", *files, "--solve", "-o", out / "x.glb", out / "x.npz")
     W = read_weights(out / "x.npz")
     assert np.abs(W.sum(axis=1) - 1).max() <= 1e-9
-    assert np.abs(read_rigged_mesh(out / "x.glb").W - W).max() <= 1e-4
+    assert np.abs(weights_of(load_bundle([out / "x.glb"])) - W).max() <= 1e-4
 
 
 def test_as_a_table(body, nilbs, out):
@@ -210,13 +221,13 @@ def test_as_a_table(body, nilbs, out):
         (["w.npz", "v.npz", "-o", "out/x.npz"], "w.npz and {}/v.npz both hold weights"),
         (["w.npz", "other.tgf", "-o", "out/x.npz"], "w.npz: weights of 3 bones, but the rig has 2"),
         (["w.npz", "body.obj", "other.tgf", "-o", "out/x.npz"], "the weights have 4 rows and 3 columns"),
-        (["walk.json", "-o", "out/x.dmat"], "walk.json: a motion is written together with its rig"),
-        (["body.obj", "walk.json", "-o", "out/x.glb"], "walk.json: a motion is written together with its rig"),
+        (["walk.json", "-o", "out/x.dmat"], "walk.json: a motion goes together with its rig"),
+        (["body.obj", "walk.json", "-o", "out/x.glb"], "walk.json: a motion goes together with its rig"),
         (["body.obj", "-o", "out/x.bvh"], "out/x.bvh: there is no rig to write"),
         (["body.obj", "-o", "out/x.ply", "out/x.tgf"], "out/x.tgf: there is no rig to write"),
         (["body.obj", "-o", "out/x.fbx"], "out/x.fbx: the file name must end in .obj or"),
         (["body.obj", "-o", "out/no/x.ply"], "out/no: the folder does not exist"),
-        (["body.obj", "--solve", "-o", "out/x.ply"], "to solve for weights takes a mesh and a rig"),
+        (["body.obj", "--solve", "-o", "out/x.ply"], "body.obj: there is no rig: give its file too"),
         (["body.obj", "--group", "head", "-o", "out/x.ply"], "body.obj: the mesh has no group 'head'"),
         (["body.obj", "-o", "out/x.ply", "body.obj"], "body.obj: this file is read too"),
         (["body.obj", "--write-map", "body.json", "--map", "body.json", "-o", "out/x.ply"], "body.json: this file is"),
@@ -226,8 +237,8 @@ def test_as_a_table(body, nilbs, out):
         (["body.obj", "--write-map", "out/m.json", "-o", "out/x.ply"], "--write-map is for a motion for another rig"),
         (["body.obj", "--write-map", "out/m.txt", "-o", "out/x.ply"], "out/m.txt: the file name must end in .json"),
         (
-            ["body.obj", "body_rig.txt", "walk.json", "--write-map", "out/m.json", "-o", "out/x.glb"],
-            "--write-map: {}/walk.json moves the rig's own bones",
+            ["body.obj", "body_rig.txt", "bow.json", "--write-map", "out/m.json", "-o", "out/x.glb"],
+            "--write-map is for a motion for another rig, and no file brings one",
         ),
         (
             ["body.obj", "body_rig.txt", "wave.bvh", "again.bvh", "--write-map", "out/m.json", "-o", "out/x.glb"],
@@ -242,10 +253,11 @@ def test_as_a_table(body, nilbs, out):
 )
 def test_a_mistake_is_named_and_nothing_written(body, out, fails, words, message):
     write_mesh(body / "other.obj", np.eye(3), [[0, 1, 2]])
-    write_files([body / "other.tgf"], skeleton=read_bundle(body / "body_rig.txt").skeleton)
+    write_bundle(Bundle(skeleton=read_bundle(body / "body_rig.txt").skeleton), [body / "other.tgf"])
     for name in ("w.npz", "v.npz"):
-        write_files([body / name], W=np.full((4, 3), 1 / 3))
+        write_weights(body / name, np.full((4, 3), 1 / 3))
     (body / "walk.json").write_text('{"frames": [{"leg": [0, 0, 1]}]}')
+    (body / "bow.json").write_text('{"frames": [{"upper": [0, 0, 1]}]}')
     (body / "body.json").write_text("{}")
     (body / "again.bvh").write_bytes((body / "wave.bvh").read_bytes())
     (body / "names.mhw").write_text(json.dumps({"weights": {}}))

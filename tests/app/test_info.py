@@ -141,11 +141,11 @@ def test_weights(tmp_path, succeeds, suffix):
     W[5] = [1.5, -0.25, 0]
     write_weights(path, W)
     report = succeeds("info", path)["files"][0]
-    assert (report["min"], report["max"], report["zero_rows"], report["row_sum_error"]) == (-0.25, 1.5, 1, 1)
+    assert (report["min"], report["max"], report["zero_rows"], report["row_sum_error"]) == (-0.25, 1.5, 1, 0.25)
     assert report["problems"][:3] == [
         "weights leave 0 to 1: they run from -0.25 to 1.5",
-        "2 of 24 rows do not sum to one; row 3 sums to 0",
-        "1 rows are all zero, row 3 first",
+        "1 of 23 vertices have weights that do not sum to one; those of vertex 5 sum to 1.25",
+        "1 of 24 vertices have no weight, vertex 3 first",
     ]
 
 
@@ -376,13 +376,16 @@ def test_a_character_in_one_file(tmp_path, succeeds, bar):
 
 
 def test_painted_weights_that_leave_out_vertices_and_bones():
-    from nilbs.app.contents import Content
     from nilbs.app.descriptions import describe
-    from nilbs.io.bundle import Influences
+    from nilbs.io.bundle import Bundle, Influences
 
-    painted = Influences(np.array([0, 2, 2]), np.array([1, 1, 2]), np.array([1, 1, 0.0]))
-    report = describe(Content("a.glb", "weights", {"influences": painted, "n": 4, "b": 3}), [])
-    assert report["problems"] == ["2 of 4 vertices have no weight", "2 bones move no vertex, bone 0 first"]
+    painted = Influences(np.array([0, 2, 2]), np.array([1, 1, 2]), np.array([1, 1, 0.0]), (4, 3))
+    (report,) = describe("a.glb", Bundle(influences=painted), None)
+    assert report["problems"] == [
+        "2 of 4 vertices have no weight, vertex 1 first",
+        "2 bones move no vertex, bone 0 first",
+    ]
+    assert (report["min"], report["shape"]) == (0, [4, 3])
 
 
 def test_a_file_of_nothing(tmp_path, fails, monkeypatch):
@@ -390,8 +393,22 @@ def test_a_file_of_nothing(tmp_path, fails, monkeypatch):
 
     (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
     assert "a.gltf: " in fails("info", tmp_path / "a.gltf")
-    monkeypatch.setattr("nilbs.app.contents.read_bundle", lambda path, V: Bundle())
+    monkeypatch.setattr("nilbs.characters.bundle.read_bundle", lambda path, V, names: Bundle())
     assert fails("info", tmp_path / "a.gltf").endswith("a.gltf: the file holds no mesh, rig or motion")
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("fox", [1250, 833, 3, 0, 0]), ("snake", [995, 567, 1, 0, 0]),
+     ("spider", [924, 800, 1, 4, 8]), ("dragon", [2905, 1783, 17, 6, 4])],
+)  # fmt: skip
+def test_creatures(data, succeeds, name, found):
+    report = succeeds("info", data / "creatures" / f"{name}.glb")["files"][0]
+    keys = ("vertices", "welded_vertices", "components", "boundary_edges", "nonmanifold_edges")
+    assert [report[key] for key in keys] == found
+    assert report["seam_vertices"] > report["vertices"] - report["welded_vertices"]
+    assert not any("seam" in problem for problem in report["problems"])
+    assert report["watertight"] == (name in ("fox", "snake"))
 
 
 BVH = """HIERARCHY
@@ -445,7 +462,7 @@ def test_makehuman_files_in_any_order(tmp_path, succeeds, fails):
     (tmp_path / "a.mhskel").write_text(json.dumps(MHSKEL))
     (tmp_path / "a.mhw").write_text(json.dumps({"weights": {"hip": [[0, 1.0], [7, 1.0]]}}))
     write_mesh(tmp_path / "a.obj", CUBE, CUBE_F)
-    assert "give the rig too" in fails("info", tmp_path / "a.mhw")
+    assert "give the mesh and the rig too" in fails("info", tmp_path / "a.mhw")
     assert "give the mesh file too" in fails("info", tmp_path / "a.mhskel")
     values = succeeds("info", tmp_path / "a.mhw", tmp_path / "a.mhskel", tmp_path / "a.obj")
     assert [report["kind"] for report in values["files"]] == ["weights", "rig", "mesh"]
@@ -488,5 +505,5 @@ def test_a_matrix_that_is_neither_weights_nor_a_motion(tmp_path, succeeds):
     write_dmat(tmp_path / "a.dmat", np.ones((5, 5)))
     report = succeeds("info", tmp_path / "a.dmat")["files"][0]
     assert report["kind"] == "weights"
-    assert report["problems"] == ["5 of 5 rows do not sum to one; row 0 sums to 5"]
+    assert report["problems"] == ["5 of 5 vertices have weights that do not sum to one; those of vertex 0 sum to 5"]
     assert json.dumps(report)

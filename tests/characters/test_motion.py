@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nilbs.characters.motion import Motion, load_motion, random_motion
+from nilbs.characters.motion import Motion, load_motion, motion_of_clips, random_motion
 from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses, local_rotations
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
@@ -306,18 +306,92 @@ def test_one_of_several_clips_is_chosen_by_name(tmp_path: Path, rng: np.random.G
     skeleton = limb(3, "a", "b")
     clips = tuple(Clip(name, skeleton, np.arange(4) / 10, swung(skeleton, rng)) for name in ("walk", "run"))
     write_gltf(tmp_path / "m.glb", Bundle(skeleton=skeleton, clips=clips))
-    said: list[str] = []
-    first = load_motion(tmp_path / "m.glb", skeleton, report=said.append)
-    np.testing.assert_allclose(first.B, clips[0].B, atol=1e-5)
-    assert any("took the motion 'walk'; the file also holds 'run'" in line for line in said)
     chosen = load_motion(tmp_path / "m.glb", skeleton, clip="run")
     np.testing.assert_allclose(chosen.B, clips[1].B, atol=1e-5)
     assert chosen.source == "m.glb, run"
-    with pytest.raises(FileFormatError, match=r"m\.glb: there is no motion 'swim'; the file holds 'walk', 'run'$"):
+    with pytest.raises(FileFormatError, match=r"m\.glb: there is no motion 'swim', but 'walk', 'run'$"):
         load_motion(tmp_path / "m.glb", skeleton, clip="swim")
     write_gltf(tmp_path / "rig.glb", Bundle(skeleton=skeleton))
     with pytest.raises(FileFormatError, match=r"rig\.glb: the file holds no motion"):
         load_motion(tmp_path / "rig.glb", skeleton)
+
+
+def several(skeleton: Skeleton, rng: np.random.Generator) -> tuple[Clip, ...]:
+    """Clips of 4, 2 and 7 frames that last 1, 3 and 2 s and do not start at 0 s."""
+    lengths = (("walk", 4, 1.0), ("rest", 2, 3.0), ("run", 7, 2.0))
+    return tuple(
+        Clip(name, skeleton, np.linspace(0.5, 0.5 + seconds, n), swung(skeleton, rng, n))
+        for name, n, seconds in lengths
+    )
+
+
+def test_clips_of_a_file_follow_each_other_and_never_blend(tmp_path: Path, rng: np.random.Generator) -> None:
+    skeleton = limb(3, "a", "b")
+    clips = several(skeleton, rng)
+    write_gltf(tmp_path / "m.glb", Bundle(skeleton=skeleton, clips=clips))
+    motion = load_motion(tmp_path / "m.glb", skeleton)
+    assert motion.source == "m.glb, walk, rest, run"
+    assert motion.clips == (("walk", 0), ("rest", 4), ("run", 6))
+    np.testing.assert_allclose(motion.B, np.concatenate([clip.B for clip in clips]), atol=1e-5)
+    np.testing.assert_allclose(np.ptp(motion.times), 6, atol=1e-6)
+    assert (np.diff(motion.times)[[3, 5]] == 0).all()
+    assert motion.gaps().tolist() == [0, 1, 2, 4, 6, 7, 8, 9, 10, 11]
+    for last in (3, 5):
+        np.testing.assert_array_equal(motion.at(frame=last + 0.5), motion[last])
+        np.testing.assert_array_equal(motion.at(seconds=motion.times[last]), motion[last + 1])
+    between = interpolate_poses(skeleton.C, skeleton.BE, skeleton.P, motion[4], motion[5], 0.5)
+    np.testing.assert_allclose(motion.at(seconds=0.5 + 1 + 1.5), between, atol=1e-6)
+    # Where frames are left out time passes between clips: the pose stays.
+    few = motion.take(4)
+    assert (few.frames.tolist(), few.clips) == ([0, 4, 8, 12], (("walk", 0), ("rest", 1), ("run", 2)))
+    assert few.gaps().tolist() == [2]
+    np.testing.assert_array_equal(few.at(seconds=1.0), few[0])
+
+
+def test_frames_are_spread_over_time_and_not_over_keys(tmp_path: Path, rng: np.random.Generator) -> None:
+    skeleton = limb(3, "a", "b")
+    motion = motion_of_clips([replace(clip, file="m.glb") for clip in several(skeleton, rng)], skeleton)
+    spread = motion.spread(7)  # at 0.5, 1.5, ... 6.5 s; keys stand at 0.5 to 1.5, at 1.5 and 4.5, and at 4.5 to 6.5
+    assert spread.frames.tolist() == [0, 4, 5, 6, 9, 12]
+    assert spread.clips == (("walk", 0), ("rest", 1), ("run", 3))
+    np.testing.assert_array_equal(spread.B, motion.B[spread.frames])
+    assert motion.spread(13) is motion
+    assert motion.spread(2).clips == (("walk", 0), ("run", 1))
+    with pytest.raises(ValueError, match="at least one frame, got 0"):
+        motion.spread(0)
+
+
+@pytest.mark.parametrize("frames", [2, 10, 33, 457])
+def test_even_frames_are_spread_as_they_are_taken(frames: int) -> None:
+    motion = counted(frames)
+    for n in (1, 2, 5, 9, 10, 32, 100):
+        np.testing.assert_array_equal(motion.spread(n).frames, motion.take(n).frames)
+    still = replace(motion, times=np.zeros(frames))
+    np.testing.assert_array_equal(still.spread(5).frames, motion.take(5).frames)
+
+
+@pytest.mark.parametrize("starts", [[1, 2], [0, 2, 2], [0, 5], [0, 3, 1]])
+def test_clips_that_cannot_follow_each_other(starts: list[int]) -> None:
+    with pytest.raises(ValueError, match="clips must start one after the other from frame 0 of 5"):
+        replace(counted(5), clips=tuple((f"clip{start}", start) for start in starts))
+
+
+def test_creatures_move_by_their_own_clips(data: Path) -> None:
+    from nilbs.characters.bundle import load_bundle
+
+    bundle = load_bundle([data / "creatures" / "fox.glb"])
+    motion = motion_of_clips(bundle.clips, bundle.skeleton)
+    assert (len(motion), len(motion.clips), motion.clips[0]) == (539, 14, ("Bark", 0))
+    assert motion.source.startswith("fox.glb, Bark, Bite, ")
+    durations = [np.ptp(clip.times) for clip in bundle.clips]
+    assert np.ptp(motion.times) == pytest.approx(sum(durations))
+    spread = motion.spread(100)
+    assert 95 <= len(spread) <= 100
+    assert [name for name, _ in spread.clips] == [clip.name for clip in bundle.clips]
+    counts = np.diff([start for _, start in spread.clips] + [len(spread)])
+    assert np.abs(counts - 100 * np.array(durations) / sum(durations)).max() < 2
+    one = motion_of_clips(bundle.clips, bundle.skeleton, clip="Walk")
+    assert (one.source, len(one), one.clips) == ("fox.glb, Walk", 30, ())
 
 
 def test_clips_that_fit_nothing_are_refused_by_the_file_s_name(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -404,3 +478,6 @@ def test_model_files_hold_times(models, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.times, motion.times)
     np.testing.assert_allclose(again.at(seconds=1.5), motion[2])
     assert again.skeleton.names == models[2].character.skeleton.names
+    several = replace(motion, clips=(("walk", 0), ("run", 4)))
+    replace(models[2], motion=several).save(tmp_path / "m.nilbs")
+    assert load_model(tmp_path / "m.nilbs").motion.clips == several.clips

@@ -1,32 +1,46 @@
-"""The suffix of a file, and its content where the suffix leaves that open, decide what it holds."""
+"""What a file holds follows from its suffix, and from its content where the suffix leaves it open."""
+
+import json
 
 import numpy as np
 import pytest
 
 from nilbs.io import FileFormatError, read_bundle, write_mesh, write_tgf, write_transforms, write_weights
-from nilbs.io.registry import READABLE, WRITABLE, kind_of
+from nilbs.io.registry import READABLE, WRITABLE
 
 
 @pytest.mark.parametrize("suffix", [".dmat", ".npz"])
 def test_row_sums_separate_weights_from_motions(tmp_path, suffix):
-    # 24 rows are a motion of two bones, unless the numbers look like weights.
-    path = tmp_path / f"a{suffix}"
-    write_weights(path, np.full((24, 2), 0.5))
-    assert kind_of(path) == "weights"
-    with pytest.raises(FileFormatError, match="holds weights of vertices and no mesh or rig"):
-        read_bundle(path)
+    # 24 rows could be a motion of two bones.
+    path, W = tmp_path / f"a{suffix}", np.full((24, 3), 0.5)
+    W[:, 2] = 0
+    write_weights(path, W)
+    bundle = read_bundle(path)
+    assert bundle.motion is bundle.mesh is bundle.skeleton is None
+    assert bundle.influences.shape == (24, 3)
+    assert (bundle.influences.dense(24, 3, path) == W).all()
 
 
 def test_transforms_are_a_motion(tmp_path):
-    write_transforms(tmp_path / "a.dmat", np.tile(np.eye(4), (5, 2, 1, 1)))
-    assert kind_of(tmp_path / "a.dmat") == "motion"
-    with pytest.raises(FileFormatError, match="holds a motion of bones"):
-        read_bundle(tmp_path / "a.dmat")
+    B = np.tile(np.eye(4), (5, 2, 1, 1))
+    write_transforms(tmp_path / "a.dmat", B)
+    bundle = read_bundle(tmp_path / "a.dmat")
+    assert bundle.influences is None
+    assert (bundle.motion == B).all()
 
 
-def test_an_archive_with_a_template_is_a_body_model(tmp_path):
-    np.savez(tmp_path / "body.npz", v_template=np.zeros((1, 3)))
-    assert kind_of(tmp_path / "body.npz") == "parts"
+def test_motions_by_name(tmp_path):
+    (tmp_path / "a.JSON").write_text('{"frames": [{"hip": [0, 0, 90]}, {}]}')
+    motion = read_bundle(tmp_path / "a.JSON").motion
+    assert (motion.names, motion.theta.shape) == (("hip",), (2, 1, 3))
+
+
+def test_weights_by_name_need_the_names(tmp_path):
+    (tmp_path / "a.mhw").write_text(json.dumps({"weights": {"high": [[4, 1]]}}))
+    influences = read_bundle(tmp_path / "a.mhw", names=("low", "high")).influences
+    assert (influences.vertex, influences.bone, influences.shape) == (4, 1, None)
+    with pytest.raises(FileFormatError, match=r"a\.mhw: its weights are of bones by name"):
+        read_bundle(tmp_path / "a.mhw")
 
 
 @pytest.mark.parametrize("data", [b"PK\x05\x06 and no archive", b"\x00"])
@@ -34,18 +48,13 @@ def test_what_is_no_archive_is_named(tmp_path, data):
     path = tmp_path / "a.npz"
     path.write_bytes(data)
     with pytest.raises(FileFormatError, match=r"a\.npz: damaged \.npz file"):
-        kind_of(path)
+        read_bundle(path)
 
 
 def test_an_empty_archive_is_named(tmp_path):
     (tmp_path / "a.npz").touch()
     with pytest.raises(FileFormatError, match="the file is empty"):
-        kind_of(tmp_path / "a.npz")
-
-
-@pytest.mark.parametrize(("name", "kind"), [("a.mhw", "weights"), ("a.JSON", "motion"), ("a.bvh", "parts")])
-def test_a_suffix_decides_without_a_file(name, kind):
-    assert kind_of(name) == kind
+        read_bundle(tmp_path / "a.npz")
 
 
 def test_a_mesh(tmp_path):

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 from nilbs.app.options import add_group, add_json, add_mapping, add_solve
 
 if TYPE_CHECKING:
-    from nilbs.characters.motion import Motion
     from nilbs.geometry.skeleton import Skeleton
+    from nilbs.io.bundle import Bundle
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,57 +40,56 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, write and report."""
-    from nilbs.app.inputs import gather
+    from dataclasses import replace
+
     from nilbs.app.output import show
-    from nilbs.characters.motion import load_motion
-    from nilbs.characters.saving import check_outputs, write_files
+    from nilbs.characters.bundle import character_of, load_bundle
+    from nilbs.characters.clips import clips_named, on_skeleton
+    from nilbs.characters.saving import check_outputs, write_bundle
     from nilbs.io import check_suffix, check_writable
     from nilbs.io.bone_map import write_bone_map
+    from nilbs.io.bundle import Influences
 
     if args.write_map is not None:
         check_suffix(args.write_map, ".json")
         check_writable(args.write_map, inputs=[*args.inputs, *([] if args.map is None else [args.map])])
     check_outputs(args.output, inputs=args.inputs)
     notes: list[str] = []
-    mapped: list[str] = []
-    guesses: list[tuple[dict[str, str], tuple[str, ...]]] = []
-
-    def motion_for(path: str, skeleton: "Skeleton") -> "Motion":
-        mapped.append(path)
-        if args.write_map is not None:
-            guesses.append((_guess(path, args.clip, skeleton), skeleton.names))
-            if len(mapped) > 1:
-                raise ValueError(f"--write-map writes the map of one motion, and there are {' and '.join(mapped)}")
-        return load_motion(path, skeleton, bone_map=args.map, clip=args.clip, report=notes.append)
-
-    try:
-        inputs = gather(
-            args.inputs,
-            load_motion=motion_for,
-            clip=args.clip,
-            group=args.group,
-            solve=args.solve,
-            report=notes.append,
-        )
-    finally:
-        if len(guesses) == 1:  # also where nothing came of it: it is there to be corrected
-            write_bone_map(args.write_map, *guesses[0])
+    bundle = load_bundle(args.inputs, group=args.group, solve=args.solve, report=notes.append)
+    rigs = [path for path, parts in bundle.taken.items() if "rig" in parts]
+    clips = clips_named(bundle.clips, args.clip) if args.clip is not None and bundle.clips else bundle.clips
+    foreign = [clip for clip in clips if clip.file not in rigs and clip.skeleton is not bundle.skeleton]
     for option, value, serves, what in (
-        ("--group", args.group, inputs.mesh is not None, "a mesh"),
-        ("--clip", args.clip, bool(inputs.clips), "a motion"),
-        ("--map", args.map, bool(mapped), "a motion for another rig"),
-        ("--write-map", args.write_map, bool(mapped), "a motion for another rig"),
+        ("--group", args.group, bundle.mesh, "a mesh"),
+        ("--clip", args.clip, clips, "a motion"),
+        ("--map", args.map, foreign, "a motion for another rig"),
+        ("--write-map", args.write_map, foreign, "a motion for another rig"),
     ):
         if value is not None and not serves:
             raise ValueError(f"{option} is for {what}, and no file brings one")
-    written = write_files(args.output, mesh=inputs.mesh, skeleton=inputs.skeleton, W=inputs.W, clips=inputs.clips)
-    sizes = inputs.sizes()
+    if foreign and bundle.skeleton is not None:
+        if args.write_map is not None:
+            files = dict.fromkeys(clip.file for clip in foreign)
+            if len(files) > 1:
+                raise ValueError(f"--write-map writes the map of one motion, and there are {' and '.join(files)}")
+            # Before the motion is mapped: a guess that fails is there to be corrected.
+            write_bone_map(
+                args.write_map, _guess(foreign[0].skeleton, bundle.skeleton.in_space()), bundle.skeleton.names
+            )
+        own = [clip for clip in clips if clip.skeleton is bundle.skeleton]
+        clips = (*own, *on_skeleton(foreign, bundle.skeleton, bone_map=args.map, report=notes.append))
+    if args.solve:
+        W = character_of(bundle, progress=True, report=notes.append).W
+        bundle = replace(bundle, influences=Influences.of_matrix(W))
+    bundle = replace(bundle, clips=clips)
+    written = write_bundle(bundle, args.output)
+    sizes = _sizes(bundle)
     notes += [f"{file.path}: {note}" for file in written for note in file.notes]
     notes += [f"no output holds the {what}" for what in sizes if not any(what in file.holds for file in written)]
-    lines = [f"{path}: {', '.join(held) or 'nothing that was taken'}" for path, held in inputs.taken.items()]
+    lines = [f"{path}: {', '.join(held) or 'nothing that was taken'}" for path, held in bundle.taken.items()]
     lines += [f"-> {file.path}: {'; '.join(f'{what} of {sizes[what]}' for what in file.holds)}" for file in written]
     values = {
-        "inputs": inputs.taken,
+        "inputs": bundle.taken,
         "outputs": {str(file.path): list(file.holds) for file in written},
         "sizes": sizes,
         "notes": notes,
@@ -98,19 +97,25 @@ def run(args: argparse.Namespace) -> None:
     show(values, as_json=args.json, table="\n".join([*lines, *(f"note: {note}" for note in notes)]))
 
 
-def _guess(motion_path: str, clip: str | None, skeleton: "Skeleton") -> dict[str, str]:
+def _sizes(bundle: "Bundle") -> dict[str, str]:
+    """How much there is of everything that there is, in words."""
+    sizes = {}
+    if bundle.mesh is not None:
+        sizes["mesh"] = f"{len(bundle.mesh.V)} vertices, {len(bundle.mesh.E)} faces"
+    if bundle.skeleton is not None:
+        sizes["rig"] = f"{len(bundle.skeleton.BE)} bones"
+    if bundle.influences is not None and bundle.influences.shape is not None:
+        sizes["weights"] = "{} vertices, {} bones".format(*bundle.influences.shape)
+    if bundle.clips:
+        sizes["motion"] = "; ".join(f"{clip.name}: {len(clip.B)} frames" for clip in bundle.clips)
+    return sizes
+
+
+def _guess(source: "Skeleton", rig: "Skeleton") -> dict[str, str]:
     """Which bones would follow which; none where no name agrees."""
-    from pathlib import Path
-
-    from nilbs.characters.clips import chosen_clip
-    from nilbs.characters.report import silent
     from nilbs.geometry.retargeting import guess_bone_map
-    from nilbs.io.registry import OWN_MOTIONS
 
-    if Path(motion_path).suffix.lower() in OWN_MOTIONS:
-        raise ValueError(f"--write-map: {motion_path} moves the rig's own bones, there is nothing to map")
-    source = chosen_clip(Path(motion_path), clip, silent).skeleton
     try:
-        return guess_bone_map(source, skeleton.in_space())
+        return guess_bone_map(source, rig)
     except ValueError:
         return {}

@@ -30,8 +30,8 @@ def run(args: argparse.Namespace) -> None:
 
     from nilbs.app.output import show
     from nilbs.app.scoring import SCORE_FILES, write_scores
+    from nilbs.characters.bundle import load_character
     from nilbs.characters.gingerbread import write_gingerbread
-    from nilbs.characters.loading import load_character
     from nilbs.characters.motion import random_motion
     from nilbs.io import check_writable, write_weights
 

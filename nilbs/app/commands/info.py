@@ -24,20 +24,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Read every file and report."""
     from nilbs.app.agreement import disagreements
-    from nilbs.app.contents import read
-    from nilbs.app.descriptions import describe
+    from nilbs.app.descriptions import describe, describe_model, describe_points
     from nilbs.app.output import rows, show
+    from nilbs.characters.bundle import read_files
+    from nilbs.io import check_suffix, read_npy
+    from nilbs.io.registry import READABLE
 
-    contents = read(args.files, group=args.group)
-    reports = [describe(content, contents) for content in contents]
-    across = disagreements(contents)
+    suffixes = {path: check_suffix(path, *READABLE, ".npy", ".nilbs") for path in args.files}
+    points = {path: read_npy(path) for path, suffix in suffixes.items() if suffix == ".npy"}
+    files = read_files([path for path, suffix in suffixes.items() if suffix not in (".npy", ".nilbs")])
+    # A rig's file comes before the skeleton of a motion.
+    skeletons = sorted(files, key=lambda path: suffixes[path] == ".bvh")
+    rig = next((files[path].skeleton for path in skeletons if files[path].skeleton is not None), None)
+    reports = []
+    for path, suffix in suffixes.items():
+        if suffix == ".npy":
+            reports.append(describe_points(path, points[path]))
+        elif suffix == ".nilbs":
+            from nilbs.models.model_file import load_model
+
+            reports.append(describe_model(path, load_model(path)))
+        else:
+            reports += describe(path, files[path], rig, group=args.group)
+    across = disagreements(files, points, args.group)
     blocks = []
     for report in reports:
         named = {name: value for name, value in report.items() if name not in _OWN_LINES}
         notes = [f"  note: {note}" for note in report.get("notes", [])]
         lines = [report["file"], rows(named, "  "), *notes, *_problems(report["problems"], "  ")]
         blocks.append("\n".join(lines))
-    if len(contents) > 1:
+    if len(reports) > 1:
         blocks.append("\n".join(["together", *_problems(across, "  ")]))
     blocks += [f"{report['file']}: {report['verdict']}" for report in reports if "verdict" in report]
     show({"files": reports, "problems": across}, as_json=args.json, table="\n\n".join(blocks))

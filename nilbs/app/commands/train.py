@@ -25,12 +25,13 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     add_character(parser)
-    add_motion(parser, "smooth random motion")
+    add_motion(parser, "that of the character's files, where they bring one, else smooth random motion")
+    parser.add_argument("--random", action="store_true", help="smooth random motion, even where a file brings one")
     parser.add_argument(
         "--weights",
         metavar="FILE",
-        help="skinning weights, .dmat, .npz or .mhw; by default those in the rig's file, else bounded biharmonic "
-        "weights are solved for",
+        help="a file of skinning weights, whatever its numbers look like; by default they are those of a file of "
+        "weights alone, else those in the rig's file, else bounded biharmonic weights are solved for",
     )
     add_solve(parser)
     parser.add_argument(
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=whole(1),
         default=FRAMES,
         metavar="N",
-        help=f"how many evenly spaced frames to train on (default {FRAMES})",
+        help=f"how many frames to train on, spread evenly over the motion (default {FRAMES})",
     )
     parser.add_argument(
         "--amplitude",
@@ -65,8 +66,8 @@ def run(args: argparse.Namespace) -> None:
     from time import perf_counter
 
     from nilbs.app.output import show
-    from nilbs.app.poses import check_motion_options, motion_of_file, tell
-    from nilbs.characters.loading import read_rigged_mesh
+    from nilbs.app.poses import tell, training_motion
+    from nilbs.characters.bundle import character_of, load_bundle
     from nilbs.io import check_suffix, check_writable
 
     # Before the work: what would fail only after it.
@@ -78,21 +79,20 @@ def run(args: argparse.Namespace) -> None:
         raise ValueError(
             f"{checkpoint} holds a training that was stopped: go on with --resume, or remove it to start anew"
         )
-    if args.motion is not None and args.amplitude is not None:
-        raise ValueError("--amplitude is of random motion: it cannot stand beside --motion")
-    check_motion_options(args)
+    if args.motion is not None and args.random:
+        raise ValueError("--random and --motion each give a motion: leave one out")
     method = chosen_method(args)
     start = perf_counter()
-    rigged = read_rigged_mesh(args.mesh, args.rig, args.weights, group=args.group, solve=args.solve, report=tell)
-    given = None if args.motion is None else motion_of_file(args, rigged.skeleton).take(args.frames)
-    # Torch takes seconds to import: files that do not fit are told before.
+    bundle = load_bundle(args.files, weights=args.weights, group=args.group, solve=args.solve, report=tell)
+    given = training_motion(args, bundle)
+    # Torch takes seconds to import: files that do not fit are reported before.
     from nilbs.app.memory import peak_memory_mib
     from nilbs.models.fitting import fit, remove_checkpoint
     from nilbs.models.model import torch_device
 
     device = torch_device(args.device)
-    character = rigged.assemble(progress=True, report=tell)
-    motion = _random_motion(args, character) if given is None else given
+    character = character_of(bundle, progress=True, report=tell)
+    motion = _random_motion(args, character) if given is None else given.spread(args.frames)
     try:
         model = fit(
             character,

@@ -1,4 +1,4 @@
-"""`nilbs weights`: solve for skinning weights, and say how good they are."""
+"""`nilbs weights`: solve for skinning weights, and report how good they are."""
 
 import argparse
 
@@ -26,26 +26,25 @@ def run(args: argparse.Namespace) -> None:
 
     from nilbs.app.output import rows, show
     from nilbs.app.poses import tell
-    from nilbs.characters.loading import read_rigged_mesh
+    from nilbs.characters.bundle import load_bundle, rigged
     from nilbs.geometry.rig_weights import solve_weights
     from nilbs.io import check_suffix, check_writable, write_weights
 
     if args.output is not None:
         check_suffix(args.output, ".npz", ".dmat")
-        check_writable(args.output, inputs=[file for file in (args.mesh, args.rig) if file is not None])
+        check_writable(args.output, inputs=args.files)
     notes: list[str] = []
 
     def noted(line: str) -> None:
         notes.append(line)
         tell(line)
 
-    rigged = read_rigged_mesh(args.mesh, args.rig, group=args.group, solve=True, report=noted)
-    V, E = rigged.V, rigged.E
+    mesh, skeleton = rigged(load_bundle(args.files, group=args.group, solve=True, report=noted))
     start = perf_counter()
     try:
-        solved = solve_weights(V, E, rigged.skeleton, method=args.method, progress=True)
+        solved = solve_weights(mesh.V, mesh.E, skeleton, method=args.method, progress=True)
     except ValueError as error:
-        raise ValueError(f"{rigged.files}: {error}") from error
+        raise ValueError(f"{' with '.join(args.files)}: {error}") from error
     seconds = perf_counter() - start
     for note in solved.notes:
         noted(note)
@@ -56,8 +55,8 @@ def run(args: argparse.Namespace) -> None:
         "energy": solved.energy,
         "seconds": seconds,
         "method": solved.method,
-        "vertices": len(V),
-        "bones": len(rigged.skeleton.BE),
+        "vertices": len(mesh.V),
+        "bones": len(skeleton.BE),
         "volume_vertices": len(solved.V_volume),
     }
     if args.output is not None:
