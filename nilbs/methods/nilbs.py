@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Nilbs(InverseSkinning):
-    """Neural inverse linear blend skinning [1]_ with a root search.
+    """Neural inverse linear blend skinning with a root search.
 
     The network of the paper is trained on points of the rest volume and of a thin shell around it, which skinning
     moves into the motion's poses and into random ones, so that their weights are exact and cost nothing. Its answer

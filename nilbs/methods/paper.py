@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Paper(InverseSkinning):
-    """NiLBS with the supervision of its paper [1]_: weights at rest vertices in the rest pose, uniform points.
+    """NiLBS with the supervision of its paper: weights at rest vertices in the rest pose, uniform points.
 
     Occupancies are compared by their absolute difference, and the inverse map alone (eq. 6 and 8) finds the canonical
     point. Network, encoding, grids and optimiser are those of `nilbs.methods.nilbs.Nilbs`.

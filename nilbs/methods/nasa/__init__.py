@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Nasa(NetworkMethod):
-    """Neural articulated shape approximation [1]_: O(x | theta) = max_b O_b(B_b^-1 x | theta).
+    """Neural articulated shape approximation: O(x | theta) = max_b O_b(B_b^-1 x | theta).
 
     Layers, residual connections and leaky units are those of the authors' code (tensorflow/graphics, projects/nasa).
 

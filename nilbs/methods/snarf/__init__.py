@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Snarf(NetworkMethod):
-    """Differentiable forward skinning [1]_: learned rest weights, and roots by Broyden's method from every bone.
+    """Differentiable forward skinning: learned rest weights, and roots by Broyden's method from every bone.
 
     Details that the paper leaves open are those of its authors' code.
 
