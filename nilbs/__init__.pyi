@@ -12,6 +12,6 @@ from .methods.registry import method_of as method_of
 from .models.evaluation import evaluate as evaluate
 from .models.fitting import fit as fit
 from .models.model import Model as Model
-from .models.model_file import load_model as load_model
+from .models.model import load_model as load_model
 
 __version__: str

@@ -121,7 +121,7 @@ def _checkpoint(job: Job, store: Store) -> Path:
 def _model(job: Job, store: Store) -> "Model":
     """The model that a job reads; one that cannot be read is to be trained again."""
     from nilbs.io.errors import FileFormatError
-    from nilbs.models.model_file import load_model
+    from nilbs.models.model import load_model
 
     try:
         return load_model(store.model(job.spec["training"]))

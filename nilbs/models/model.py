@@ -18,6 +18,7 @@ from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.surface import Surface
 from nilbs.methods.base import Method
 from nilbs.methods.registry import values_of
+from nilbs.models.model_file import ModelParts, read_model_file, write_model_file
 from nilbs.models.posed_model import PosedModel, check_pose_shape
 from nilbs.models.protocol import RESOLUTION
 
@@ -207,9 +208,46 @@ class Model:
         OSError
             If the file cannot be written; what was there before is kept.
         """
-        from nilbs.models.model_file import save_model
+        write_model_file(path, ModelParts(self.character, self.motion, self.method, self.history, self.field))
 
-        save_model(self, path)
+
+def load_model(path: str | Path, *, device: str = "cpu") -> Model:
+    """Read a model file.
+
+    Parameters
+    ----------
+    path : path
+        What `Model.save` wrote.
+    device : str
+        Where the field goes; "auto" takes a GPU if there is one.
+
+    Returns
+    -------
+    model : Model
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not a model of this version, or was damaged.
+    ValueError
+        If torch has no such device.
+    OSError
+        If it cannot be opened.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from nilbs.characters.capsule import capsule
+    >>> from nilbs.models.fitting import fit
+    >>> from nilbs.characters.motion import random_motion
+    >>> character = capsule(d=2)
+    >>> model = fit(character, random_motion(character, frames=2), method="nearest")
+    >>> path = tempfile.mkdtemp() + "/bar.nilbs"
+    >>> model.save(path)
+    >>> load_model(path).method.name
+    'nearest'
+    """
+    return Model(*read_model_file(path)).to(device=torch_device(device))
 
 
 def torch_device(name: str) -> str:

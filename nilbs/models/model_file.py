@@ -1,87 +1,54 @@
 """Models as files: one self-contained archive each, without pickle."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
+from nilbs.fields.field import Field
 from nilbs.geometry.validation import arrays
+from nilbs.methods.base import Method
 from nilbs.methods.registry import method_class, of_version_5, values_of
-from nilbs.models.model import Model, torch_device
 
 KIND, KIND_5 = "nilbs model 6", "nilbs model 5"
 
 
-def save_model(model: Model, path: str | Path) -> None:
-    """Write a model to a file.
+class ModelParts(NamedTuple):
+    """What a model file holds: all of a `nilbs.models.model.Model`."""
 
-    Parameters
-    ----------
-    model : Model
-    path : path
+    character: Character
+    motion: Motion
+    method: Method
+    history: np.ndarray
+    field: Field
 
-    Raises
-    ------
-    OSError
-        If the file cannot be written; what was there before is kept.
-    """
+
+def write_model_file(path: str | Path, parts: ModelParts) -> None:
+    """Write a model; the file appears whole or not at all."""
     from nilbs.io.archive import write_archive
 
-    c, field = model.character, model.field
+    c, motion, method, history, field = parts
     contents = {f"field.{name}": tensor.cpu().numpy() for name, tensor in field.state_dict().items()}
     contents |= {f"character.{name}": array for name, array in c.arrays().items()}
-    contents |= {f"motion.{name}": getattr(model.motion, name) for name in ("B", "frames", "times")}
-    contents["history"] = model.history
+    contents |= {f"motion.{name}": getattr(motion, name) for name in ("B", "frames", "times")}
+    contents["history"] = history
     text = {
         "name": c.name,
         "bones": list(c.skeleton.names),
-        "motion": model.motion.source,
-        "clips": model.motion.clips,
-        "method": model.method.name,
-        "settings": values_of(model.method),
-        **model.method.header(field),
+        "motion": motion.source,
+        "clips": motion.clips,
+        "method": method.name,
+        "settings": values_of(method),
+        **method.header(field),
     }
     write_archive(path, contents, text, kind=KIND)
 
 
-def load_model(path: str | Path, *, device: str = "cpu") -> Model:
-    """Read a model file.
-
-    Parameters
-    ----------
-    path : path
-        What `Model.save` wrote.
-    device : str
-        Where the field goes; "auto" takes a GPU if there is one.
-
-    Returns
-    -------
-    model : Model
-
-    Raises
-    ------
-    FileFormatError
-        If the file is not a model of this version, or was damaged.
-    ValueError
-        If torch has no such device.
-    OSError
-        If it cannot be opened.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from nilbs.characters.capsule import capsule
-    >>> from nilbs.models.fitting import fit
-    >>> from nilbs.characters.motion import random_motion
-    >>> character = capsule(d=2)
-    >>> model = fit(character, random_motion(character, frames=2), method="nearest")
-    >>> path = tempfile.mkdtemp() + "/bar.nilbs"
-    >>> model.save(path)
-    >>> load_model(path).method.name
-    'nearest'
-    """
+def read_model_file(path: str | Path) -> ModelParts:
+    """Read what `write_model_file` wrote, in this or the last version; FileFormatError for anything else."""
     from nilbs.io.archive import read_archive
     from nilbs.io.errors import FileFormatError
 
@@ -108,8 +75,7 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
         field = field.to(torch.float64 if precision == np.float64 else torch.float32)
         field.load_state_dict({name: torch.from_numpy(a) for name, a in state.items()})
         arrays(history=(contents["history"], "s"))
-        model = Model(character, motion, method, contents["history"], field)
+        return ModelParts(character, motion, method, contents["history"], field)
     except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as error:
         reason = " ".join(str(error).split())  # torch explains itself over several lines
         raise FileFormatError(path, f"is not a complete nilbs model: {reason}") from None
-    return model.to(device=torch_device(device))

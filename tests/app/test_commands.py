@@ -11,7 +11,7 @@ from nilbs.characters.saving import save_character, write_bundle
 from nilbs.geometry.facets import is_watertight
 from nilbs.io import read_mesh, read_npy, read_weights, write_motion_json, write_transforms
 from nilbs.io.bundle import Bundle, Clip, Influences, Mesh
-from nilbs.models.model_file import load_model
+from nilbs.models.model import load_model
 
 
 @pytest.fixture

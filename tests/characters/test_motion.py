@@ -470,7 +470,7 @@ def test_motions_of_a_person_on_another_rig(data: Path, name: str, scale: float)
 
 
 def test_model_files_hold_times(models, tmp_path: Path) -> None:
-    from nilbs.models.model_file import load_model
+    from nilbs.models.model import load_model
 
     motion = replace(models[2].motion, times=np.array([0, 1, 1.5, 4, 5, 6]))
     replace(models[2], motion=motion).save(tmp_path / "m.nilbs")

@@ -17,8 +17,7 @@ from nilbs.methods.base import TrainedMethod
 from nilbs.methods.nasa.field import NasaWeightTerm
 from nilbs.methods.registry import all_methods, method_class, method_of
 from nilbs.methods.snarf.field import SnarfBoneTerm
-from nilbs.models.model import Model
-from nilbs.models.model_file import load_model
+from nilbs.models.model import Model, load_model
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 METHODS = all_methods()

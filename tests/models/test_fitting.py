@@ -24,8 +24,7 @@ from nilbs.io.weights import write_weights
 from nilbs.methods.mlp import Mlp
 from nilbs.methods.nilbs import Nilbs
 from nilbs.models.fitting import CHECKPOINT_KIND, fit, remove_checkpoint
-from nilbs.models.model import Model
-from nilbs.models.model_file import load_model
+from nilbs.models.model import Model, load_model
 
 V, E = np.array([[0, 0], [2, 0], [2, 0.6], [0, 0.6]]), np.array([[0, 1, 2], [0, 2, 3]])
 C, BE = np.array([[0.2, 0.3], [1, 0.3], [1.8, 0.3]]), np.array([[0, 1], [1, 2]])

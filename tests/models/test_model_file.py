@@ -6,7 +6,8 @@ import torch
 
 from nilbs.io.archive import read_archive, write_archive
 from nilbs.io.errors import FileFormatError
-from nilbs.models.model_file import KIND, load_model
+from nilbs.models.model import load_model
+from nilbs.models.model_file import KIND
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 VERSION_5 = Path(__file__).parent / "version_5"

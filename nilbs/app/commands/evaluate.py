@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.output import show
     from nilbs.app.scoring import SCORE_FILES, write_scores
     from nilbs.io import check_writable
-    from nilbs.models.model_file import load_model
+    from nilbs.models.model import load_model
 
     model = load_model(args.model, device=args.device)
     if args.out is not None:

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.geometry.facets import is_watertight
     from nilbs.io import check_suffix, check_writable, write_mesh
     from nilbs.io.registry import MESHES, OUTLINES
-    from nilbs.models.model_file import load_model
+    from nilbs.models.model import load_model
 
     check_suffix(args.output, *MESHES)
     check_writable(args.output)

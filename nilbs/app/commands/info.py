@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> None:
         if suffix == ".npy":
             reports.append(describe_points(path, points[path]))
         elif suffix == ".nilbs":
-            from nilbs.models.model_file import load_model
+            from nilbs.models.model import load_model
 
             reports.append(describe_model(path, load_model(path)))
         else:

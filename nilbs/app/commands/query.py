@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.output import show
     from nilbs.app.poses import chosen_pose
     from nilbs.io import FileFormatError, check_suffix, check_writable, read_npy, write_npy
-    from nilbs.models.model_file import load_model
+    from nilbs.models.model import load_model
 
     check_suffix(args.output, ".npy")
     check_writable(args.output, inputs=[args.points])

@@ -102,7 +102,7 @@ def test_a_scoring_is_of_everything_that_its_spec_says(ious, store, monkeypatch)
     evaluate = Called(SimpleNamespace(values=scores))
     load = Called("the model")
     monkeypatch.setattr("nilbs.models.evaluation.evaluate", evaluate)
-    monkeypatch.setattr("nilbs.models.model_file.load_model", load)
+    monkeypatch.setattr("nilbs.models.model.load_model", load)
     asked = {
         "points": 7,
         "resolution": 9,
