@@ -43,6 +43,11 @@ def one_thread():
     torch.set_num_threads(before)
 
 
+@pytest.fixture(autouse=True)
+def coarse(coarse_volumes):
+    """What commands print and write is tested here, not how exact weights are."""
+
+
 @pytest.fixture
 def bar():
     return make_bar

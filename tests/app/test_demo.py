@@ -1,5 +1,6 @@
 """The demo, reduced: it writes every file that it names, and they hold what they should."""
 
+import functools
 import json
 
 import pytest
@@ -7,15 +8,18 @@ import pytest
 from nilbs.app.main import main
 from nilbs.io.mesh import read_mesh
 from nilbs.io.weights import read_weights
+from nilbs.models.fitting import fit
 
 SMALL = ["--frames", "3", "--steps", "4", "--points", "200", "--resolution", "16"]
+GRIDS = {"cache_resolution": 32, "weight_resolution": 32, "samples_per_frame": 400}
 PICTURES = ["notation.png", "weights.png", "ghost.png", "training.png", "reconstruction.png"]
 
 
 @pytest.mark.parametrize(
     ("dim", "stem", "as_json"), [(2, "gingerbread", True), pytest.param(3, "cookie", False, marks=pytest.mark.slow)]
 )
-def test_demo_goes_from_nothing_to_scores_and_pictures(dim, stem, as_json, tmp_path, capsys):
+def test_demo_goes_from_nothing_to_scores_and_pictures(dim, stem, as_json, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("nilbs.models.fitting.fit", functools.partial(fit, **GRIDS))
     out = tmp_path / "new" / "folder"
     assert main(["demo", "--dim", str(dim), "--out", str(out), *SMALL, *(["--json"] if as_json else [])]) == 0
     printed = capsys.readouterr()

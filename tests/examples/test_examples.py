@@ -16,6 +16,7 @@ from nilbs.io.mesh import read_mesh, write_mesh
 from nilbs.io.tgf import write_tgf
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+pytestmark = pytest.mark.usefixtures("coarse_volumes")
 SMALL_TRAINING = ["--frames", "4", "--steps", "6", "--resolution", "24"]
 
 

@@ -64,7 +64,10 @@ def test_failed_jobs_are_told_and_the_status_is_two(tmp_path, capsys, monkeypatc
 
 
 @pytest.mark.slow
-def test_the_quick_study_runs_for_real_and_is_not_run_again(tmp_path, capsys) -> None:
+@pytest.mark.usefixtures("coarse_volumes")
+def test_the_quick_study_runs_for_real_and_is_not_run_again(tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr("benchmarks.study.failures.PIXELS", 60)
+    monkeypatch.setattr("benchmarks.study.failures.FIN_PIXELS", 80)
     out = tmp_path / "study"
     assert main(["--out", str(out), "--quick", "--json"]) == 0
     values = json.loads(capsys.readouterr().out)
