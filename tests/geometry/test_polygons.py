@@ -1,5 +1,4 @@
 import itertools
-import time
 
 import numpy as np
 import pytest
@@ -139,12 +138,10 @@ def test_a_hole_on_a_bridge_is_left_open():
     assert areas(V, F).sum() == pytest.approx(8)
 
 
-def test_the_time_is_bounded(monkeypatch, rng):
+def test_a_polygon_that_takes_too_many_steps_is_given_up(monkeypatch, rng):
     V = star(10_000, rng)
-    start = time.monotonic()
     monkeypatch.setattr("nilbs.geometry.polygons._STEPS", 100_000)
     assert cut_polygons(V, np.arange(len(V)), [len(V)])[2].all()
-    assert time.monotonic() - start < 30
 
 
 def test_wrong_arguments():
