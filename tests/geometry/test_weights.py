@@ -123,7 +123,8 @@ def energy_matrix(V: np.ndarray, T: np.ndarray) -> sparse.csc_matrix:
         volume = abs(np.linalg.det(rows)) / (2 if d == 2 else 6)
         L[np.ix_(element, element)] -= volume * gradients.T @ gradients
         mass[element] += shares(V[element], volume)
-    return sparse.csc_matrix(L @ np.diag(1 / mass) @ L)
+    sparse_L = sparse.csc_matrix(L)
+    return sparse_L @ sparse.diags(1 / mass) @ sparse_L
 
 
 def shares(corners: np.ndarray, volume: float) -> np.ndarray | float:
