@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nilbs.geometry.topology import group_labels
+from nilbs.geometry.topology import group_labels, ridges
 from nilbs.geometry.validation import arrays, check_indices
 
 
@@ -162,18 +162,11 @@ def is_watertight(F: np.ndarray) -> bool:
     (F,) = arrays(F=(F, "m d", int))
     if not len(F):
         return True
-    n = int(F.max()) + 1
-    check_indices("F", F, n, "vertices")
-    if F.shape[1] == 2:
-        # A boundary of an edge is its two end points: one enters, one leaves.
-        start, end = F[:, 0], F[:, 1]
-        repeated = bool((start == end).any())
-    else:
-        tail, head = np.concatenate([F[:, [0, 1]], F[:, [1, 2]], F[:, [2, 0]]]).T
-        start, end = tail * n + head, head * n + tail
-        repeated = bool((tail == head).any())
-    start, end = np.sort(start), np.sort(end)
-    return not repeated and np.array_equal(start, end) and bool((np.diff(start) > 0).all())
+    check_indices("F", F, int(F.max()) + 1, "vertices")
+    meeting = ridges(F)
+    balance = np.bincount(meeting.ridge.ravel(), meeting.sign.ravel())
+    repeated = (np.diff(np.sort(F, axis=1), axis=1) == 0).any()
+    return bool((meeting.count == 2).all() and not balance.any() and not repeated)
 
 
 def _scaled_normals(V: np.ndarray, F: np.ndarray) -> np.ndarray:

@@ -60,9 +60,9 @@ class Grid:
         Parameters
         ----------
         V : (n, d) float array
-            Points, in mesh units, n at least 1.
+            Points, in mesh units, at least one.
         resolution : int
-            Number of cells along each edge; ``resolution + 1`` nodes.
+            Cells along each edge.
         scale : float, optional
             Edge of the cube, in longest edges of the bounding box of V.
 
@@ -74,8 +74,7 @@ class Grid:
         Raises
         ------
         ValueError
-            If V is empty or all its points coincide, the scale is not positive, or the resolution is no whole number
-            from 1 on or makes a grid too large.
+            If all points coincide, the scale is not positive, or the resolution is not positive or too large.
 
         Examples
         --------
@@ -94,9 +93,9 @@ class Grid:
         Parameters
         ----------
         V : (n, d) float array
-            Points, in mesh units, n at least 1.
+            Points, in mesh units, at least one.
         resolution : int
-            Number of cells along the longest edge of the padded box; the shorter edges take fewer, rounded up.
+            Cells along the longest edge of the padded box; shorter edges have fewer, rounded up.
         pad : float, optional
             Margin on every side, in longest edges of the bounding box of V.
 
@@ -108,8 +107,7 @@ class Grid:
         Raises
         ------
         ValueError
-            If V is empty or all its points coincide, pad is negative, or the resolution is no whole number from 1
-            on or makes a grid too large.
+            If all points coincide, pad is negative, or the resolution is not positive or too large.
 
         Examples
         --------

@@ -99,7 +99,11 @@ def solve_weights(
     x, bone = bone_points(skeleton, spacing=SPACING * size)
     coarseness = max(1.0, float(np.cbrt(len(skeleton.BE) / MANY_BONES)))
     domain = volume_domain(V, E, x[distinct_points(x, MARGIN * size)], coarseness=coarseness)
-    known = _held(domain.V, domain.T, x, bone, len(skeleton.BE), size, reach)
+    F = boundary_facets(domain.T)
+    inside = occupancy(domain.V, F, x) | (closest_points(domain.V, F, x)[0] <= MARGIN * size)
+    known = bone_conditions(
+        domain.V, np.unique(domain.T), x, bone, inside, bones=len(skeleton.BE), snap=SNAP * size, reach=reach * size
+    )
     notes = [*domain.notes, *_notes(known, skeleton)]
     if not len(known.fixed):
         raise ValueError(f"no bone lies within {reach:g} diagonals of the mesh: is the rig in the same unit and frame?")
@@ -141,15 +145,6 @@ def _written(x: np.ndarray, size: float) -> str:
     """A place in as many digits as matter on something of this size."""
     digits = max(0, int(np.ceil(3 - np.log10(max(size, 1e-300)))))
     return str(np.round(x, digits).tolist())
-
-
-def _held(
-    V: np.ndarray, T: np.ndarray, x: np.ndarray, bone: np.ndarray, bones: int, size: float, reach: float
-) -> BoneConditions:
-    F = boundary_facets(T)
-    distance, _, _ = closest_points(V, F, x)
-    inside = occupancy(V, F, x) | (distance <= MARGIN * size)
-    return bone_conditions(V, np.unique(T), x, bone, inside, bones=bones, snap=SNAP * size, reach=reach * size)
 
 
 def _notes(known: BoneConditions, skeleton: Skeleton) -> list[str]:

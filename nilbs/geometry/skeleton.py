@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nilbs.geometry.kinematics import bone_order, bone_parents
-from nilbs.geometry.plane import in_space, is_flat
+from nilbs.geometry.plane import flattened, in_space, is_flat
 from nilbs.geometry.validation import arrays, check_indices
 
 
@@ -79,7 +79,7 @@ class Skeleton:
         if not is_flat(self.C):
             joint = int(np.abs(self.C[:, 2]).argmax())
             raise ValueError(f"the mesh is flat (z = 0) but joint {joint} of the rig is not")
-        return replace(self, C=self.C[:, :2].copy())
+        return replace(self, C=flattened(self.C))
 
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
         """Line segments that move with bones: joints (s, 2), and the bone (s,) of each.

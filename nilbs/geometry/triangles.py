@@ -46,7 +46,7 @@ def conforming_triangles(
         for point in _hexagonal_points(V.min(axis=0), V.max(axis=0), step):
             # A point nearer to a vertex than this would make the mesh worse instead of better.
             mesh.insert(point, clearance=0.7 * step)
-    return mesh.vertices(), mesh.triangles()
+    return mesh.points[: mesh.n].copy(), mesh.corners[: mesh.t].copy()
 
 
 def _hexagonal_points(lower: np.ndarray, upper: np.ndarray, step: float) -> np.ndarray:
@@ -68,12 +68,6 @@ class _Triangulation:
         self.left: dict[tuple[int, int], int] = {}
         for i in range(self.t):
             self._register(i)
-
-    def vertices(self) -> np.ndarray:
-        return self.points[: self.n].copy()
-
-    def triangles(self) -> np.ndarray:
-        return self.corners[: self.t].copy()
 
     def flip_all(self) -> None:
         self._legalize([edge for edge in self.left if edge[0] < edge[1]])

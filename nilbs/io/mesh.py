@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nilbs.geometry.plane import counter_clockwise, flattened
+from nilbs.geometry.plane import counter_clockwise, flattened, in_space
 from nilbs.geometry.polygons import cut_polygons
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
@@ -145,8 +145,7 @@ def write_mesh(path: str | os.PathLike, V: np.ndarray, F: np.ndarray) -> None:
     if F.shape[1] not in (2, 3) or (d == 3 and F.shape[1] == 2):
         raise ValueError(f"F must be (m, 3){' or (m, 2)' * (d == 2)}, got {F.shape}")
     check_indices("F", F, n, "vertices")
-    xyz = np.zeros((n, 3))
-    xyz[:, :d] = V
+    xyz = in_space(V)
     if suffix in SUFFIXES and F.shape[1] == 2:
         raise ValueError(f"{suffix} holds triangles, not the edges of an outline: write .obj or .ply")
     content = trimesh_bytes(path, xyz, F) if suffix in SUFFIXES else b""
