@@ -1,4 +1,4 @@
-"""What a file holds, described in numbers, with a list of what is wrong."""
+"""What a file holds, in numbers, with a list of problems."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from nilbs.app.surfaces import describe_surface, verdict
-from nilbs.characters.bundle import whole_or_group
+from nilbs.characters.bundle import errors_of, whole_or_group
 from nilbs.geometry.facets import components
 from nilbs.geometry.kinematics import local_rotations, rms_rotation
 from nilbs.geometry.plane import in_space, is_flat
@@ -27,23 +27,11 @@ _SHORT_BONE = 1e-3  # of the rig's extent
 
 
 def describe(path: str, bundle: Bundle, rig: Skeleton | None, *, group: str | None = None) -> list[dict[str, Any]]:
-    """What a file holds, thing by thing, in numbers.
+    """A report on each thing that a file holds.
 
-    Parameters
-    ----------
-    path : str
-    bundle : Bundle
-        What was read from it.
-    rig : Skeleton, optional
-        Of any file: the local rotations of a motion without a skeleton are relative to it.
-    group : str, optional
-        The group of the mesh that is described; all of it by default.
-
-    Returns
-    -------
-    reports : list of dict
-        "file", "kind", numbers, and "problems", a list of sentences; "notes", another, in the first where there are
-        any; of a mesh that weights could be solved for, "verdict".
+    Each has "file", "kind", numbers by name and "problems", a list of sentences; the first has "notes" of the reader,
+    if there are any, and a mesh of triangles has a "verdict". The local rotations of a motion without a skeleton are
+    those of `rig`, which is of any file. With `group` that group of the mesh is described.
     """
     reports: list[dict[str, Any]] = []
 
@@ -76,17 +64,15 @@ def describe(path: str, bundle: Bundle, rig: Skeleton | None, *, group: str | No
 
 
 def describe_points(path: str, x: np.ndarray) -> dict[str, Any]:
-    """The same of an array of points."""
+    """A report on an array of points."""
     problems = [] if x.ndim == 2 and x.shape[1] in (2, 3) else ["points are rows of 2 or 3 coordinates"]
     return {"file": path, "kind": "points", "shape": list(x.shape), "problems": problems}
 
 
 def mesh_of(path: str, mesh: Mesh, group: str | None) -> tuple[np.ndarray, np.ndarray]:
     """Vertices and faces of a mesh or of its group, in the plane where that is flat."""
-    try:
+    with errors_of(path):
         return whole_or_group(mesh, group)[:2]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
 
 
 def outline(V: np.ndarray, T: np.ndarray) -> np.ndarray:
@@ -155,8 +141,7 @@ def _rig(skeleton: Skeleton, problems: list[str]) -> dict[str, Any]:
 
 
 def _weights(painted: Influences, n: int | None, b: int | None, problems: list[str]) -> dict[str, Any]:
-    """N is None where nothing gives the number of vertices; weights of bones by name have those of their rig."""
-    n, b = painted.shape or (n, b)
+    """Weights of n vertices and b bones; None if nothing gives their number."""
     weighted = np.flatnonzero(painted.weight)
     vertices, row = np.unique(painted.vertex, return_inverse=True)
     if not len(vertices):
@@ -214,7 +199,7 @@ def _rigidity(B: np.ndarray, problems: list[str]) -> dict[str, Any]:
 
 
 def _rms_of_transforms(rig: Skeleton, B: np.ndarray) -> float | None:
-    """Of the local rotations of all bones but the roots, in radians; None where the transforms have none."""
+    """Of the local rotations of all bones but the roots, in radians; None if the transforms have none."""
     try:
         theta, _ = local_rotations(in_space(rig.C), rig.BE, rig.P, B)
     except ValueError:
@@ -223,7 +208,7 @@ def _rms_of_transforms(rig: Skeleton, B: np.ndarray) -> float | None:
 
 
 def _rms_of_names(rig: Skeleton | None, names: tuple[str, ...], theta: np.ndarray) -> float | None:
-    """The same of rotations by bone name; None where the rig is not known, and so neither are its roots."""
+    """The same of rotations by bone name; None without a rig, because only that has the roots."""
     if rig is None:
         return None
     place = {name: bone for bone, name in enumerate(rig.names)}
@@ -235,7 +220,7 @@ def _rms_of_names(rig: Skeleton | None, names: tuple[str, ...], theta: np.ndarra
 
 
 def describe_model(path: str, model: "Model") -> dict[str, Any]:
-    """The same of a model."""
+    """A report on a model."""
     problems: list[str] = []
     c = model.character
     rms = model.motion.rms_rotation(c)

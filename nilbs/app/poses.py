@@ -19,26 +19,14 @@ def tell(line: str) -> None:
 
 
 def motion_of_file(args: argparse.Namespace, skeleton: "Skeleton") -> "Motion":
-    """The motion of a skeleton in the file that `--motion` names.
-
-    Raises
-    ------
-    FileFormatError, ValueError, OSError
-        If the file holds no such motion.
-    """
+    """The motion of a skeleton in the file of `--motion`."""
     from nilbs.characters.motion import load_motion
 
     return load_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=tell)
 
 
 def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | None":
-    """The motion in `--motion`, else that of the character's files; None for random motion.
-
-    Raises
-    ------
-    FileFormatError, ValueError, OSError
-        If there is no such motion, or an option is of another kind of motion.
-    """
+    """The motion in `--motion`, else that of the character's files; None for random motion."""
     from nilbs.characters.bundle import rigged
     from nilbs.characters.motion import motion_of_clips
 
@@ -58,37 +46,15 @@ def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | Non
 
 
 def check_motion_options(args: argparse.Namespace) -> None:
-    """Refuse options that say how to read a motion's file where there is none.
-
-    Raises
-    ------
-    ValueError
-        Naming the option.
-    """
+    """Refuse options of a motion's file if there is no --motion."""
     if args.motion is None:
         for option, value in (("--map", args.map), ("--clip", args.clip)):
             if value is not None:
-                raise ValueError(f"{option} says how to read a motion: give one with --motion")
+                raise ValueError(f"{option} is for the motion of a file: give one with --motion")
 
 
 def chosen_pose(model: "Model", args: argparse.Namespace) -> "np.ndarray":
-    """The pose that a user chose.
-
-    Parameters
-    ----------
-    model : Model
-    args : argparse.Namespace
-        Of `nilbs.app.options.add_pose`.
-
-    Returns
-    -------
-    pose : (b, d+1, d+1) float array
-
-    Raises
-    ------
-    FileFormatError, ValueError, OSError
-        If the file is no motion of this character, or has no such frame or time.
-    """
+    """The pose (b, d+1, d+1) of a model at `--frame` or `--time`; an error names the motion without such a pose."""
     check_motion_options(args)
     motion = model.motion if args.motion is None else motion_of_file(args, model.character.skeleton)
     name = "the motion of the model" if args.motion is None else args.motion

@@ -1,4 +1,4 @@
-"""What a surface is like, in numbers, what is wrong with it, and what it will be taken for."""
+"""A surface in numbers, its problems, and the volume that weights will be solved in."""
 
 from typing import Any
 
@@ -12,23 +12,9 @@ from nilbs.geometry.orientation import coherent_orientation
 def describe_surface(
     V: np.ndarray, F: np.ndarray, problems: list[str], *, used: np.ndarray | None = None
 ) -> dict[str, Any]:
-    """Describe a surface and list its defects.
+    """Numbers on a surface, by name; `problems` grows by a sentence for every kind of defect.
 
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices.
-    F : (m, d) int array
-        Facets: edges in the plane, triangles in space.
-    problems : list of str
-        Grows by a sentence for every kind of defect.
-    used : int array, optional
-        Other elements whose vertices are not isolated: the triangles inside an outline.
-
-    Returns
-    -------
-    values : dict
-        Numbers by name.
+    Vertices of the elements in `used`, such as triangles inside an outline, are not isolated.
 
     Examples
     --------
@@ -66,18 +52,7 @@ def describe_surface(
 
 
 def verdict(V: np.ndarray, E: np.ndarray) -> str:
-    """What the volume in which weights are solved will be, in a line.
-
-    Parameters
-    ----------
-    V : (n, d) float array
-        Vertices.
-    E : (m, 3) int array
-        Triangles: those that fill the shape in the plane, those of its surface in space.
-
-    Returns
-    -------
-    verdict : str
+    """The volume in which the weights of a mesh of triangles will be solved, in a line.
 
     Examples
     --------
@@ -125,7 +100,7 @@ def _problems(report: SurfaceReport, m: int, V: np.ndarray, isolated: np.ndarray
         count = f"{'' if report.all_intersections else 'more than '}{len(report.intersections)}"
         found.append(f"the surface runs into itself: {count} pairs of {what} touch or cross, numbers {i} and {j} first")
     elif not report.all_intersections:
-        found.append(f"too many {what} lie in one place to tell whether the surface runs into itself")
+        found.append(f"too many {what} lie in one place to test whether the surface runs into itself")
     if len(report.pinched):
         found.append(f"{len(report.pinched)} vertices are where parts only touch, number {report.pinched[0]} first")
     if len(report.degenerate):

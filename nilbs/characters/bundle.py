@@ -171,47 +171,40 @@ def fit_together(
     for path, bundle in files.items():
         for note in bundle.notes:
             report(f"{path}: {note}")
-    if solve and weights_file is not None:
+    if solve and weights_file:
         raise ValueError(f"weights are solved for or read from {weights_file}, not both")
-    whole = files[mesh_file].mesh if mesh_file else None
-    skeleton = files[rig_file].skeleton if rig_file else None
-    mesh, influences = None, None
-    if whole is not None:
-        with _errors_of(f"{mesh_file}"):
-            V, E, kept = whole_or_group(whole, group)
+    found = files.get(mesh_file, Bundle()).mesh
+    skeleton = files.get(rig_file, Bundle()).skeleton
+    influences = files.get(weights_file, Bundle()).influences
+    mesh = None
+    if found is not None:
+        with errors_of(mesh_file):
+            V, E, kept = whole_or_group(found, group)
         mesh = Mesh(V, E)
-    if mesh is not None and whole is not None and skeleton is not None and rig_file is not None:
-        if mesh.E.shape[1] != 3:
-            raise FileFormatError(f"{mesh_file}", "the file holds a curve of edges: a character's mesh is of triangles")
-        together = " with ".join(dict.fromkeys([f"{mesh_file}", rig_file]))
-        with _errors_of(together if weights_file is None else f"{together} and {weights_file}"):
-            skeleton = in_dimension(skeleton, mesh.V.shape[1])
-            if weights_file is None and not solve and _painted_on(whole, rig_file, files[rig_file], report):
-                weights_file = rig_file
-            if weights_file is not None:
-                W = _rows(weights_file, files[weights_file], len(whole.V), kept, len(skeleton.BE))
-                W, notes = weights_on_simplex(W, V, numbers=kept)
-                influences = Influences.of_matrix(W)
-                for note in notes:
-                    report(note)
-    elif weights_file is not None:
-        influences = _weights_alone(weights_file, files[weights_file], skeleton)
+        if skeleton is not None:
+            if E.shape[1] != 3:
+                raise FileFormatError(mesh_file, "the file holds a curve of edges: a character's mesh is of triangles")
+            if not influences and not solve and _painted_on(found, rig_file, files[rig_file], report):
+                weights_file, influences = rig_file, files[rig_file].influences
+            with errors_of(mesh_file, rig_file, weights_file):
+                skeleton = in_dimension(skeleton, V.shape[1])
+                influences = influences and _fitting(influences, weights_file, found, V, kept, skeleton, report)
+    if influences is not None and (mesh is None or skeleton is None):
+        _check_alone(weights_file, influences, skeleton)
     moving = [path for path, bundle in files.items() if path != rig_file and _moves(bundle)]
-    if rig_file is not None and not moving and files[rig_file].clips:
+    if not moving and files.get(rig_file, Bundle()).clips:
         moving = [rig_file]
     clips: list[Clip] = []
     for path in moving:
         if skeleton is None:
             raise ValueError(f"{path}: a motion goes together with its rig: give the rig's file too")
         clips += files[path].clips if files[path].motion is None else [own_clip(path, skeleton)]
-    weighing = None if influences is None else weights_file
-    brought: dict[str, Sequence[str | None]] = {"mesh": [mesh_file], "rig": [rig_file], "weights": [weighing]}
-    brought["motion"] = moving
+    brought = {"mesh": [mesh_file], "rig": [rig_file], "weights": [weights_file], "motion": moving}
     taken = {path: [part for part, paths in brought.items() if path in paths] for path in files}
-    bundle = Bundle(mesh, skeleton, influences, tuple(clips), taken=taken)
+    fitted = Bundle(mesh, skeleton, influences, tuple(clips), taken=taken)
     if solve:
-        rigged(bundle)
-    return bundle
+        rigged(fitted)
+    return fitted
 
 
 def rigged(bundle: Bundle) -> tuple[Mesh, Skeleton]:
@@ -228,7 +221,7 @@ def character_of(bundle: Bundle, *, progress: bool = False, report: Report | Non
     files = [path for path, parts in bundle.taken.items() if {"mesh", "rig", "weights"} & set(parts)]
     name = next(Path(path).stem for path, parts in bundle.taken.items() if "mesh" in parts)
     W = None
-    with _errors_of(" with ".join(files)):
+    with errors_of(*files):
         if bundle.influences is not None:
             W = bundle.influences.dense(len(mesh.V), len(skeleton.BE), files[-1])
         return assemble(mesh.V, mesh.E, skeleton, W, name=name, progress=progress, report=report)
@@ -253,14 +246,15 @@ def whole_or_group(mesh: Mesh, group: str | None) -> tuple[np.ndarray, np.ndarra
 
 
 @contextmanager
-def _errors_of(files: str) -> Iterator[None]:
-    """Name the files in errors about what they hold."""
+def errors_of(*files: str) -> Iterator[None]:
+    """Name the files in errors about what they hold: "a with b and c"."""
     try:
         yield
     except FileFormatError:
         raise
     except ValueError as error:
-        raise ValueError(f"{files}: {error}") from error
+        first, *others = dict.fromkeys(filter(None, files))
+        raise ValueError(f"{first}{' with ' if others else ''}{' and '.join(others)}: {error}") from error
 
 
 def _holders(files: Mapping[str, Bundle], part: str) -> list[str]:
@@ -281,28 +275,32 @@ def _rank(files: Mapping[str, Bundle], part: str, path: str) -> int:
     return 0
 
 
-def _chosen(files: Mapping[str, Bundle], part: str) -> str | None:
-    """The file whose part is taken; an error if two are as good."""
+def _chosen(files: Mapping[str, Bundle], part: str) -> str:
+    """The file whose part is taken, "" if there is none; an error if two are as good."""
     holders = _holders(files, part)
     if len(holders) > 1 and _rank(files, part, holders[0]) == _rank(files, part, holders[1]):
         what = {"mesh": "a mesh", "skeleton": "a rig", "influences": "weights"}[part]
         raise ValueError(f"{holders[0]} and {holders[1]} both hold {what}: leave one out")
-    return holders[0] if holders else None
+    return holders[0] if holders else ""
 
 
 def _moves(bundle: Bundle) -> bool:
     return bool(bundle.clips) or bundle.motion is not None
 
 
-def _rows(path: str, bundle: Bundle, n: int, kept: np.ndarray, b: int) -> np.ndarray:
-    """Weights of the vertices that stay, from a file of the whole mesh or of just these."""
-    influences = bundle.influences
-    assert influences is not None
+def _fitting(
+    influences: Influences, path: str, mesh: Mesh, V: np.ndarray, kept: np.ndarray, skeleton: Skeleton, report: Report
+) -> Influences:
+    """Weights, with rows on the simplex, of the vertices that stay: from a file of the whole mesh or of just these."""
+    n, b = len(mesh.V), len(skeleton.BE)
+    rows, _ = influences.shape or (n, b)
     if influences.shape is not None:
         check_sizes(influences.shape, n, b, group=len(kept))
-        n = influences.shape[0]
-    W = influences.dense(n, b, path)
-    return W if influences.shape is not None and n == len(kept) else W[kept]
+    W = influences.dense(rows, b, path)
+    W, notes = weights_on_simplex(W[kept] if rows == n else W, V, numbers=kept)
+    for note in notes:
+        report(note)
+    return Influences.of_matrix(W)
 
 
 def _painted_on(mesh: Mesh, path: str, rig: Bundle, report: Report) -> bool:
@@ -322,12 +320,9 @@ def _same_vertices(one: np.ndarray, other: np.ndarray) -> bool:
     return one.shape == other.shape and bool(np.abs(one - other).max() <= _SAME_PLACE * np.ptp(other, axis=0).max())
 
 
-def _weights_alone(path: str, bundle: Bundle, skeleton: Skeleton | None) -> Influences:
-    """Weights of a mesh that is not there."""
-    influences = bundle.influences
-    assert influences is not None
+def _check_alone(path: str, influences: Influences, skeleton: Skeleton | None) -> None:
+    """Refuse weights of another rig; those of a mesh that is not there must be a whole matrix."""
     if influences.shape is None:
         raise FileFormatError(path, "its weights are of bones by name: give the mesh and the rig too")
     if skeleton is not None and influences.shape[1] != len(skeleton.BE):
         raise FileFormatError(path, f"weights of {influences.shape[1]} bones, but the rig has {len(skeleton.BE)}")
-    return influences

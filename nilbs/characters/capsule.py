@@ -17,31 +17,10 @@ def capsule(
 ) -> "Character":
     """A capsule that stands upright in y around the origin, with bounded biharmonic weights.
 
-    Parameters
-    ----------
-    bones : int
-        How many, equally long and one after the other, from the middle of the lower cap to that of the upper one. The
-        lowest is the root.
-    length : float
-        From tip to tip, in mesh units; more than twice the radius.
-    radius : float
-        Of the caps and of what lies between them, in mesh units.
-    resolution : int
-        Edges around the capsule, at least 6; in the plane, as many edges as that would be around the caps.
-    d : int
-        3 for the solid, 2 for its planar section.
+    Its bones are equally long and lie one after the other, from the middle of the lower cap to that of the upper one;
+    the lowest is the root. `length` is from tip to tip, `resolution` the number of edges around (in the plane, around
+    both caps), at least 6; d = 2 is the planar section.
 
-    Returns
-    -------
-    character : Character
-
-    Raises
-    ------
-    ValueError
-        If there is no bone, the lengths are not of a capsule, the resolution is too low, or d is neither 2 nor 3.
-
-    Notes
-    -----
     Nothing is random. The vertices lie on the capsule, which is convex: the mesh lies inside it and encloses less than
     pi r^2 (length - 2 r) + 4/3 pi r^3, in the plane 2 r (length - 2 r) + pi r^2, by an error that falls with the square
     of the edges' length.
@@ -69,22 +48,8 @@ def capsule(
 def capsule_mesh(*, length: float, radius: float, resolution: int, d: int = 3) -> tuple[np.ndarray, np.ndarray]:
     """The capsule's mesh alone, without bones.
 
-    Parameters
-    ----------
-    length, radius, resolution, d
-        As for `capsule`.
-
-    Returns
-    -------
-    V : (n, d) float array
-        Vertices; for d = 3 all of them lie on the capsule, for d = 2 those of the outline come first and do.
-    E : (t, 3) int array
-        Triangles, counter-clockwise: for d = 2 they fill the shape, for d = 3 they are its surface seen from outside.
-
-    Raises
-    ------
-    ValueError
-        As `capsule`.
+    For d = 3 all vertices lie on the capsule, and the triangles are its surface, counter-clockwise from outside. For
+    d = 2 the vertices of the outline come first, and the triangles fill it.
 
     Examples
     --------

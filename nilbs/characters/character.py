@@ -73,19 +73,13 @@ class Character:
         return float(np.ptp(self.V, axis=0).max())
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All arrays by their letters, those of the skeleton among them: what files keep."""
+        """All arrays by their letters, with those of the skeleton: what files keep."""
         own = {name: getattr(self, name) for name in _OWN}
         return own | {name: getattr(self.skeleton, name) for name in _BONES}
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, np.ndarray], *, name: str, bones: Sequence[str]) -> Self:
-        """A character from what `arrays` returned; without "forks" the bones have none.
-
-        Raises
-        ------
-        KeyError, ValueError
-            If an array is missing, or they do not fit each other.
-        """
+        """A character from `arrays`; KeyError or ValueError if one is missing or they do not fit each other."""
         if unknown := set(arrays) - {*_OWN, *_BONES}:
             raise ValueError(f"a character has no array {', '.join(sorted(unknown))}")
         if any(arrays[key].dtype.kind != "i" for key in ("F", "BE", "P", "T")):

@@ -47,33 +47,10 @@ _ROUNDING = 0.036  # radius of the cookie's edges; must stay below the smallest 
 
 
 def gingerbread(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The gingerbread man, about one unit tall, and its skeleton.
+    """V, triangles, C and BE of the gingerbread man, about one unit tall: a flat figure (d = 2) or a cookie (d = 3).
 
-    Parameters
-    ----------
-    d : int
-        2 for the flat figure, 3 for the cookie.
-
-    Returns
-    -------
-    V : (n, d) float array
-        Rest vertices; the figure stands upright in y, and the cookie is centred at z = 0.
-    E : (t, 3) int array
-        Triangles. For d = 2 they fill the figure, counter-clockwise; for d = 3 they are the cookie's closed surface,
-        counter-clockwise from outside.
-    C : (14, d) float array
-        Joints.
-    BE : (13, 2) int array
-        Bones, indices into C; bone 0 is the only root.
-
-    Raises
-    ------
-    ValueError
-        If d is neither 2 nor 3.
-
-    Notes
-    -----
-    Nothing is random. In 2D the bones are chains of edges of the mesh.
+    The triangles fill the flat figure, or are the cookie's closed surface. It stands upright in y, centred at z = 0;
+    bone 0 is the only root. Nothing is random. In 2D the bones are chains of edges of the mesh.
 
     Examples
     --------
@@ -95,24 +72,7 @@ def gingerbread(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 def write_gingerbread(folder: str | Path, d: int) -> tuple[Path, Path]:
     """Write the gingerbread man as files: gingerbread.obj (d = 2) or cookie.obj (d = 3), and gingerbread.tgf.
 
-    Parameters
-    ----------
-    folder : path
-        Made where it is missing.
-    d : int
-        2 for the flat figure, 3 for the cookie. The skeleton's file is the same for both.
-
-    Returns
-    -------
-    mesh, rig : Path
-        The files written. Coordinates are rounded to six decimals.
-
-    Raises
-    ------
-    ValueError
-        If d is neither 2 nor 3.
-    OSError
-        If the folder cannot be made or written to.
+    The folder is made if it is missing. The skeleton's file is the same for both; coordinates have six decimals.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How decisions that a user left open are told: to a function that takes a sentence on each."""
+"""Decisions that a user left open are reported to a function that takes a sentence on each."""
 
 from collections.abc import Callable
 
@@ -6,4 +6,4 @@ Report = Callable[[str], None]
 
 
 def silent(line: str) -> None:
-    """Tell nobody."""
+    """Report nothing."""

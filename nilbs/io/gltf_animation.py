@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nilbs.geometry.validation import listed
 from nilbs.io.bundle import Clip
 from nilbs.io.gltf_document import Document
 from nilbs.io.gltf_nodes import LARGEST, Nodes, compose, unit_quaternions
@@ -63,7 +64,7 @@ def read_animations(file: Document, nodes: Nodes, joints: list[int]) -> tuple[li
     entries = file.entries("animations")
     given = [file.text(entry, "name", f"animation {i}") or f"animation{i}" for i, entry in enumerate(entries)]
     names, renamed = unique_names(given)
-    notes = [*renamed]
+    notes, uneven = [*renamed], []
     for name, entry in zip(names, entries, strict=True):
         where = f"animation {name[:80]!r}"
         samplers = file.objects(entry, "samplers", where)
@@ -87,9 +88,11 @@ def read_animations(file: Document, nodes: Nodes, joints: list[int]) -> tuple[li
         if channels:
             found.append(Animation(name, channels))
             if any(channel.interpolation != "LINEAR" for channel in channels.values()):
-                notes.append(f"{where} has steps or cubic splines: exact at its keys, linear between them")
+                uneven.append(repr(name[:80]))
         else:
             notes.append(f"{where} moves no joint and is left out")
+    if uneven:
+        notes.append(f"steps and cubic splines are exact at their keys, and linear between them: {listed(uneven)}")
     return found, notes
 
 

@@ -140,7 +140,7 @@ def test_weights_as_a_table(assets, nilbs):
         ),
         (
             ["query", "bar2.nilbs", "x2.npy", "--frame", "0", "--map", "m.json", "-o", "out/v.npy"],
-            "--map says how to read a motion",
+            "--map is for the motion of a file",
         ),
         (["query", "bar2.nilbs", "x2.npy", "--frame", "0", "-o", "x2.npy"], "x2.npy: this file is read too"),
         (["query", "bar2.nilbs", "no.npy", "--frame", "0", "-o", "out/v.npy"], "no.npy: No such file or directory"),

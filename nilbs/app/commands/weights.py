@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> None:
 
     from nilbs.app.output import rows, show
     from nilbs.app.poses import tell
-    from nilbs.characters.bundle import load_bundle, rigged
+    from nilbs.characters.bundle import errors_of, load_bundle, rigged
     from nilbs.geometry.rig_weights import solve_weights
     from nilbs.io import check_suffix, check_writable, write_weights
 
@@ -41,10 +41,8 @@ def run(args: argparse.Namespace) -> None:
 
     mesh, skeleton = rigged(load_bundle(args.files, group=args.group, solve=True, report=noted))
     start = perf_counter()
-    try:
+    with errors_of(*args.files):
         solved = solve_weights(mesh.V, mesh.E, skeleton, method=args.method, progress=True)
-    except ValueError as error:
-        raise ValueError(f"{' with '.join(args.files)}: {error}") from error
     seconds = perf_counter() - start
     for note in solved.notes:
         noted(note)
