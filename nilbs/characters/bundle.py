@@ -148,10 +148,9 @@ def load_bundle(
     report: Report | None = None,
 ) -> Bundle:
     """What files hold of one character, fitted together; anything may be missing. Arguments as for `load_character`."""
-    files = read_files(paths)
-    if weights is not None and Path(weights).suffix.lower() == ".mhw":
-        files = read_files([*paths, weights])
-    elif weights is not None:
+    by_name = weights is not None and Path(weights).suffix.lower() == ".mhw"
+    files = read_files([*paths, weights] if weights is not None and by_name else paths)
+    if weights is not None and not by_name:
         files[str(weights)] = Bundle(influences=Influences.of_matrix(read_weights(weights)))
     return fit_together(files, group=group, solve=solve, report=report)
 

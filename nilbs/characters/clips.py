@@ -31,12 +31,12 @@ def own_clip(path: str | os.PathLike, skeleton: Skeleton) -> Clip:
         motion = read_motion_json(path, skeleton.names, skeleton.d)
         with np.errstate(over="ignore", invalid="ignore"):
             B, times = _posed(skeleton, motion), motion.times
-        check_finite(path, B, skeleton)
+        _check_finite(path, B, skeleton)
     else:
         B = read_transforms(path)
         if B.shape[1] != len(skeleton.BE):
             raise FileFormatError(path, f"moves {B.shape[1]} bones, but the rig has {len(skeleton.BE)}")
-        B = in_plane(path, B) if skeleton.d == 2 else B
+        B = _in_plane(path, B) if skeleton.d == 2 else B
     return Clip(path.stem, skeleton, np.arange(len(B)) / FPS if times is None else times, B, str(path))
 
 
@@ -57,7 +57,7 @@ def _posed(skeleton: Skeleton, motion: LocalMotion) -> np.ndarray:
     return B
 
 
-def check_finite(path: Path, B: np.ndarray, skeleton: Skeleton) -> None:
+def _check_finite(path: Path, B: np.ndarray, skeleton: Skeleton) -> None:
     """Refuse transforms that overflowed."""
     bad = np.argwhere(~np.isfinite(B).all(axis=(-1, -2)))
     if len(bad):
@@ -67,16 +67,14 @@ def check_finite(path: Path, B: np.ndarray, skeleton: Skeleton) -> None:
 
 
 def clips_named(clips: Sequence[Clip], name: str | None) -> tuple[Clip, ...]:
-    """The clips of a name, or all that have a frame; an error if there is none."""
-    chosen = tuple(clip for clip in clips if (len(clip.B) if name is None else clip.name == name))
-    if not chosen or not any(len(clip.B) for clip in chosen):
-        files = " and ".join(dict.fromkeys(clip.file for clip in clips))
-        wrong = (
-            f"the motion {clips[0].name!r} has no frame"
-            if chosen or name is None
-            else f"there is no motion {name!r}, but {listed([repr(clip.name) for clip in clips])}"
-        )
-        raise FileFormatError(files, wrong)
+    """The clips of a name, or all, that have a frame; an error if there is none."""
+    files = " and ".join(dict.fromkeys(clip.file for clip in clips))
+    named = [clip for clip in clips if name in (None, clip.name)]
+    if not named:
+        raise FileFormatError(files, f"there is no motion {name!r}, but {listed([repr(clip.name) for clip in clips])}")
+    chosen = tuple(clip for clip in named if len(clip.B))
+    if not chosen:
+        raise FileFormatError(files, f"the motion {named[0].name!r} has no frame")
     return chosen
 
 
@@ -111,10 +109,10 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
             source = source.in_plane()
         except ValueError as error:
             raise FileFormatError(path, str(error)) from None
-        B = in_plane(path, B)
+        B = _in_plane(path, B)
     own = _own_bones(source, target) if bone_map is None else None
     if own is not None:
-        check_finite(path, B[:, own], target)
+        _check_finite(path, B[:, own], target)
         return B[:, own]
     if isinstance(bone_map, str | os.PathLike):
         bone_map = read_bone_map(bone_map)
@@ -125,7 +123,7 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
         raise ValueError(f"{path}: {error}") from None
     for line in bone_map_lines(source, target, guessed):
         report(f"{path.name}: {line}")
-    check_finite(path, moved.B, target)
+    _check_finite(path, moved.B, target)
     report(f"{path.name}: {_axes(moved.axes)}; lengths are multiplied by {moved.scale:.4g}")
     if moved.from_first.any():
         axes = " and ".join("xyz"[axis] for axis in np.flatnonzero(moved.from_first))
@@ -177,7 +175,7 @@ def _own_bones(source: Skeleton, target: Skeleton) -> np.ndarray | None:
     return own if (apart <= _SAME_PLACE * size).all() else None
 
 
-def in_plane(path: Path, B: np.ndarray) -> np.ndarray:
+def _in_plane(path: Path, B: np.ndarray) -> np.ndarray:
     """`transforms_in_plane` of a file's motion; FileFormatError if one leaves the plane."""
     try:
         return transforms_in_plane(B)
