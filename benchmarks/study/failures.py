@@ -68,38 +68,10 @@ def failure_figures(
     progress: bool = False,
     **changes: Any,
 ) -> list[Failure]:
-    """Draw the twist that collapses, the body that lies in itself, and parts too thin for the grids.
+    """Train on hard cases and draw them; returns (title, caption, path) of each figure, with this run's numbers.
 
-    Parameters
-    ----------
-    folder : path
-        Made where it is missing.
-    models : mapping of str to Model, optional
-        Models that are at hand: "capsule", "gingerbread" (flat) and "fins"; the others are trained here.
-    seed : int
-        Of trainings and samples.
-    minutes : float, optional
-        How long each training takes; by default as many steps as `steps` says.
-    steps : int, optional
-        How many; by default what suits the character.
-    resolution : int
-        Cells along each edge of the grid that surfaces are extracted on.
-    progress : bool
-        Show progress on standard error.
-    **changes
-        Settings of the trainings by name.
-
-    Returns
-    -------
-    figures : list of (title, caption, path)
-        Captions tell in words what the pictures show; their numbers are those of this run.
-
-    Raises
-    ------
-    ValueError
-        If a setting is out of range.
-    OSError
-        If the folder cannot be made or a file cannot be written.
+    `models` are trained models that are at hand: "capsule", "gingerbread" (flat) and "fins"; the others are trained here,
+    for so many `minutes` or `steps`, with the settings `changes`.
     """
     from nilbs.characters.capsule import capsule
     from nilbs.models.fitting import fit

@@ -47,25 +47,7 @@ _RIVALS_SURFACES: Mapping[str, Sequence[str]] = {"gingerbread-2d": (), "elephant
 
 
 def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
-    """All jobs of the study: trainings in the order of `PARTS`, what is asked of each model right after it.
-
-    Parameters
-    ----------
-    scale : Scale
-    missing : sequence of str
-        What is known to be left out.
-
-    Returns
-    -------
-    plan : Plan
-
-    Examples
-    --------
-    >>> from benchmarks.study.scale import full_scale
-    >>> study = plan(full_scale(["gingerbread-2d"], minutes=5, seeds=3))
-    >>> study.jobs[0].key, study.missing[-1]
-    ('gingerbread-2d/nilbs/seed0', 'the sweeps are left out: they are of the elephant')
-    """
+    """All jobs of the study in the order of `PARTS`, each model's scores right after its training; `missing` is left out."""
     builder = Builder()
     builder.missing += missing
     builder.missing += [*SPARED, *(sentence for name, sentence in SPARED_OF.items() if name in scale.characters)]
@@ -79,10 +61,7 @@ def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
 
 @cache
 def defaults() -> str:
-    """A digest of all default settings and of `RECIPE`: results that were made with others do not count.
-
-    What no setting tells, constants in fields and in the search among it, counts only if `RECIPE` is raised with it.
-    """
+    """A digest of all default settings and of `RECIPE`, which is raised when a constant changes that is no setting."""
     settings = {name: values_of(kind()) for name, kind in all_methods().items()}
     return sha256(json.dumps([RECIPE, settings], sort_keys=True).encode()).hexdigest()[:16]
 
