@@ -47,7 +47,7 @@ _RIVALS_SURFACES: Mapping[str, Sequence[str]] = {"gingerbread-2d": (), "elephant
 
 
 def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
-    """All jobs of the study in the order of `PARTS`, each model's scores right after its training; `missing` is left out."""
+    """All jobs of the study in the order of `PARTS`, each model's scores after its training; `missing` is left out."""
     builder = Builder()
     builder.missing += missing
     builder.missing += [*SPARED, *(sentence for name, sentence in SPARED_OF.items() if name in scale.characters)]
