@@ -227,19 +227,7 @@ def character_of(bundle: Bundle, *, progress: bool = False, report: Report | Non
 
 
 def whole_or_group(mesh: Mesh, group: str | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices and faces of a mesh or of one of its groups, in the plane where that is flat.
-
-    The third array holds the numbers of the vertices in the whole mesh.
-
-    Examples
-    --------
-    >>> mesh = Mesh(np.array([[0, 0, 9.0], [0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2], [1, 2, 3]]))
-    >>> whole_or_group(mesh, None)[0].shape
-    (4, 3)
-    >>> V, _, kept = whole_or_group(Mesh(mesh.V, mesh.E, {"floor": np.array([1])}), "floor")
-    >>> V.shape, kept.tolist()
-    ((3, 2), [1, 2, 3])
-    """
+    """V, planar if it is flat, and E of a mesh or of one of its groups, and where V stands in the whole mesh."""
     V, E, kept = (mesh.V, mesh.E, np.arange(len(mesh.V))) if group is None else select_group(mesh, group)
     return flattened(V), E, kept
 

@@ -149,24 +149,13 @@ class Motion:
         return np.setdiff1d(np.arange(len(self) - 1), [start - 1 for _, start in self.clips])
 
     def take(self, n: int) -> "Motion":
-        """Motion of n frames that are evenly spaced in number, the first and the last among them; all, if it has fewer.
-
-        Raises
-        ------
-        ValueError
-            If n is not positive.
-        """
+        """Motion of n frames, evenly spaced in number, the first and the last among them; all, if it has fewer."""
         return self._taken(np.linspace(0, len(self) - 1, _at_least_one(n)), n)
 
     def spread(self, n: int) -> "Motion":
         """Motion of at most n frames that are evenly spread over its duration; all, if it has no more.
 
         Each is the frame nearest in time to one of n evenly spaced times; none is taken twice.
-
-        Raises
-        ------
-        ValueError
-            If n is not positive.
         """
         if not len(self) or self.times[0] == self.times[-1]:
             return self.take(n)

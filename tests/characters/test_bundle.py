@@ -96,6 +96,13 @@ def test_a_group_in_the_middle_of_the_file(folder, W):
     assert np.abs(weights_of(bundle) - W[8:]).max() <= 1e-15
 
 
+def test_a_flat_group_is_planar(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\ng floor\nf 2 3 4\n")
+    assert load_bundle([tmp_path / "a.obj"]).mesh.V.shape == (4, 3)
+    floor = load_bundle([tmp_path / "a.obj"], group="floor").mesh
+    assert (floor.V.tolist(), floor.E.tolist()) == ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]])
+
+
 def test_an_unknown_group_names_those_there_are(folder):
     with pytest.raises(ValueError, match=r"cubes\.obj: the mesh has no group 'body'; .*'left', 'right'"):
         load_bundle([folder / "cubes.obj", folder / "rig.tgf"], group="body")

@@ -167,6 +167,7 @@ def test_a_surface_cut_along_seams_is_joined_and_keeps_its_vertices(d: int, rng:
     split = assemble(V[E].reshape(-1, d), np.arange(E.size).reshape(E.shape), bones, across(V[E].reshape(-1, d)))
     assert len(split.V) == len(split.W) == E.size
     assert is_watertight(split.F)
+    assert len(split.F) == len(whole.F)
     assert enclosed_volume(split.V, split.F) == pytest.approx(enclosed_volume(whole.V, whole.F))
     x = rng.uniform(-0.5, 1.5, (200, d))
     np.testing.assert_array_equal(occupancy(split.V, split.F, x), occupancy(whole.V, whole.F, x))

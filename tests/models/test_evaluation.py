@@ -283,6 +283,14 @@ def test_interpolated_poses_are_half_way_in_evenly_spaced_gaps(d: int, character
         np.testing.assert_allclose(R0 @ step @ step, R1, atol=1e-9)
 
 
+def test_interpolated_poses_lie_within_clips(characters) -> None:
+    c = characters[2]
+    motion = replace(random_motion(c, frames=6), clips=(("walk", 0), ("still", 3), ("run", 4)))
+    B = evaluation_poses(c, motion, "interpolated", seed=0)
+    expected = [motion.at(frame=frame) for frame in (0.5, 1.5, 4.5)]
+    np.testing.assert_allclose(B, expected, atol=1e-12)
+
+
 def test_short_motions_have_fewer_seen_and_interpolated_poses(characters) -> None:
     c = characters[2]
     for frames, seen, between in ((1, 1, 0), (2, 2, 1), (10, 10, 9), (11, 10, 10)):
