@@ -118,7 +118,7 @@ def test_copyleft_in_any_form_is_seen(line: str, tmp_path: Path) -> None:
     assert copyleft(tmp_path / "a.py")
 
 
-def test_names_are_loaded_when_they_are_asked_for() -> None:
+def test_names_are_loaded_when_they_are_used() -> None:
     assert nilbs.method_of("nasa", seed=3).seed == 3
     assert set(nilbs.__all__) <= set(dir(nilbs))
     for name in nilbs.__all__:

@@ -14,7 +14,7 @@ from . import figures, rigs, surfaces  # noqa: F401  (they fill the list)
 from .case import KINDS
 from .verdict import verdict
 
-LIMIT = 30.0  # seconds; the tests, which may run on anything, do not ask for it
+LIMIT = 30.0  # seconds; the tests assert no speed
 
 
 def _judge(name: str, seed: int, seconds: int, answer: Connection) -> None:
@@ -37,7 +37,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="kinds, or beginnings of their names; all of them by default")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--seconds", type=int, default=60, help="of the processor's time, after which a kind is given up"
+        "--seconds", type=int, default=60, help="of the processor's time, after which a kind is stopped"
     )
     given = parser.parse_args()
     chosen = [name for name in KINDS if not given.names or name.startswith(tuple(given.names))]
@@ -61,7 +61,7 @@ def main() -> int:
         word = outcome if outcome in ("weights", "none") else "error"
         print(f"{name:40} {word:10} {seconds:5.1f} {memory:5.2f} {row_error:8.1e}")
         if word == "error":
-            print(f"    says: {outcome}")
+            print(f"    error: {outcome}")
         for note in notes:
             print(f"    note: {note}")
         for problem in problems:

@@ -38,7 +38,7 @@ class Kind:
     name : str
     make : function of a random generator to Case
     is_broken : function of Case to bool
-        Whether the case is what its name says.
+        Whether the case has the defect of its name.
     outcome : "weights", "error" or "either"
         What must come of it.
     error : str

@@ -27,7 +27,7 @@ class Verdict:
     seconds : float
         Of the processor's time, or on the clock where that was less.
     notes : tuple of str
-        What the solver says it did.
+        The solver's own notes.
     row_error : float
         Largest distance of a row's sum from one.
     problems : tuple of str

@@ -89,9 +89,9 @@ def test_occupancy_and_distance(files, tmp_path, monkeypatch, capsys):
     out = example("02", *files, *options, monkeypatch=monkeypatch, capsys=capsys)
     share, enclosed = map(float, re.search(r"from 40000 points (\S+), enclosed (\S+)", out).groups())
     assert share == pytest.approx(enclosed, rel=0.05)
-    agree, asked = map(int, re.search(r"correct sign at (\d+) of (\d+) points", out).groups())
-    assert asked == 2000
-    assert agree >= 0.999 * asked
+    agree, points = map(int, re.search(r"correct sign at (\d+) of (\d+) points", out).groups())
+    assert points == 2000
+    assert agree >= 0.999 * points
     V, F = read_mesh(tmp_path / "02_offset.obj")
     assert len(V) > 20
     assert V.shape[1] == (3 if files else 2)

@@ -92,7 +92,7 @@ def test_face_turned_to_the_light_is_brighter():
     assert left.sum() > right.sum() > 0
 
 
-def test_empty_surface_says_so():
+def test_an_empty_surface_is_labelled_empty():
     for d in (2, 3):
         empty = np.empty((0, d)), np.empty((0, d), dtype=int)
         image = drawn(lambda panel, empty=empty, d=d: draw_body(panel, View(np.eye(d)), *empty))

@@ -1,4 +1,4 @@
-"""A study whose jobs take no time: scores are made up, by rules that a test can tell."""
+"""A study whose jobs take no time: scores are made up, by rules that a test can repeat."""
 
 from pathlib import Path
 from zlib import crc32
@@ -10,10 +10,10 @@ from benchmarks.study.store import Store
 
 
 def made_up_iou(job: Job, poses: str, row: str = "") -> float:
-    """0.9, less 0.01 for each seed, less 0.1 for a row; and a little that tells what was scored, the seed apart."""
+    """0.9, less 0.01 for each seed, less 0.1 for a row, and a little that depends on all else that is scored."""
     of = {name: value for name, value in job.spec["of"].items() if name != "seed"}
-    told = repr([sorted(of.items(), key=str), job.spec.get("noise"), poses, row])
-    return 0.9 - 0.01 * job.spec["seed"] - 0.1 * bool(row) - 1e-4 * (crc32(told.encode()) % 90)
+    scored = repr([sorted(of.items(), key=str), job.spec.get("noise"), poses, row])
+    return 0.9 - 0.01 * job.spec["seed"] - 0.1 * bool(row) - 1e-4 * (crc32(scored.encode()) % 90)
 
 
 def made_up_scores(job: Job) -> dict:

@@ -52,7 +52,7 @@ def test_other_files_make_another_character(folder, tmp_path, monkeypatch) -> No
     assert calls == [1, 1, 1]
 
 
-def test_a_motion_has_as_many_frames_as_asked_for_and_a_seed(folder) -> None:
+def test_a_motion_has_the_given_number_of_frames_and_a_seed(folder) -> None:
     character = prepared("gingerbread-2d", folder, None)
     first, again, other = (motion_of("gingerbread-2d", character, None, frames=7, seed=seed) for seed in (0, 0, 1))
     assert len(first) == 7

@@ -1,4 +1,4 @@
-"""Pictures of failures: they are written, and their captions tell what happened in this run."""
+"""Pictures of failures: they are written, and their captions report what happened in this run."""
 
 import re
 
@@ -32,7 +32,7 @@ def test_three_figures_with_titles_and_captions(tmp_path, monkeypatch, fins):
     slender = capsule(length=1.0, radius=0.08, resolution=16)
     models = {
         "capsule": twist_model(slender, steps=20, device="cpu", **TINY, **GRIDS),
-        "gingerbread": fit(man, swing, steps=20, device="cpu", supervision="paper", **TINY, **GRIDS),
+        "gingerbread": fit(man, swing, steps=20, device="cpu", method="paper", **TINY, **GRIDS),
         "fins": fins,
     }
     figures = failure_figures(tmp_path / "new", models=models, resolution=32)
@@ -45,17 +45,17 @@ def test_three_figures_with_titles_and_captions(tmp_path, monkeypatch, fins):
         assert picture[..., :3].std() > 0.05
     for degrees in failures.TWISTS:
         sentence = figures[0][1].partition(f"Twisted by {degrees:g}°")[2].partition("bones' inverses")
-        told = [float(number) for number in re.findall(r"(\d+\.\d)%", sentence[0] + sentence[2].split(". ")[0])]
+        printed = [float(number) for number in re.findall(r"(\d+\.\d)%", sentence[0] + sentence[2].split(". ")[0])]
         row = twist_row(models["capsule"], degrees, resolution=32)
         volumes = [row["lbs"], *(row["lbs"] * row[name] for name in ("inverse", "search", "reverse"))]
-        np.testing.assert_allclose(told, 100 * np.array(volumes), atol=0.051)
+        np.testing.assert_allclose(printed, 100 * np.array(volumes), atol=0.051)
 
 
-def test_what_maps_find_of_places_covered_once_and_twice_is_told():
+def test_a_caption_counts_points_covered_once_and_twice():
     times = np.array([0, 0, 1, 1, 1, 1, 2, 2])
     inside = np.array([0, 1, 1, 1, 1, 0, 1, 0], dtype=bool)
-    told = failures._told_of_contact("map", times, inside)
-    assert re.findall(r"[\d.]+%", told) == ["75.0%", "50.0%", "50.00%"]  # once, twice; 3 wrong ones of 6
+    printed = failures._told_of_contact("map", times, inside)
+    assert re.findall(r"[\d.]+%", printed) == ["75.0%", "50.0%", "50.00%"]  # once, twice; 3 wrong ones of 6
 
 
 def test_models_that_are_not_given_are_trained(tmp_path, monkeypatch, fins):

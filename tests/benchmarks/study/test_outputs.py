@@ -34,7 +34,7 @@ def done(store, pretender):
 
 
 @pytest.fixture
-def told(surface_iou):
+def shown(surface_iou):
     """The cell that shows the surface IoU of some scorings."""
 
     def text(study: Plan, keys: list[str], poses: str, row: str = "") -> str:
@@ -53,37 +53,37 @@ def table(tables: list[Table], start: str) -> dict[str, dict[str, Cell]]:
     return {name: dict(zip(found.columns[1:], cells, strict=True)) for name, cells in found.rows}
 
 
-def test_means_and_spreads_over_seeds(done, store, told) -> None:
+def test_means_and_spreads_over_seeds(done, store, shown) -> None:
     rows = table(study_tables(done, store, TITLES), "elephant")
     three = keys("elephant", "nilbs", 3)
-    assert told(done, three, "seen").endswith(" ± 0.0100")
+    assert shown(done, three, "seen").endswith(" ± 0.0100")
     for poses in POSE_SETS:
-        assert rows["nilbs"][f"{poses}: surface IoU"].text == told(done, three, poses)
-        assert rows["inverse"][f"{poses}: surface IoU"].text == told(done, three, poses, "inverse")
-        assert rows["nearest °"][f"{poses}: surface IoU"].text == told(done, three[:1], poses, "nearest")
-    assert rows["snarf"]["far: surface IoU"].text == told(done, keys("elephant", "snarf", 3), "far")
+        assert rows["nilbs"][f"{poses}: surface IoU"].text == shown(done, three, poses)
+        assert rows["inverse"][f"{poses}: surface IoU"].text == shown(done, three, poses, "inverse")
+        assert rows["nearest °"][f"{poses}: surface IoU"].text == shown(done, three[:1], poses, "nearest")
+    assert rows["snarf"]["far: surface IoU"].text == shown(done, keys("elephant", "snarf", 3), "far")
     assert rows["nilbs"]["seen: Chamfer, % of L"].text == "0.050 ± 0.000"
     assert rows["paper"]["seen: Chamfer, % of L"].text == "0.050"
     assert rows["nilbs"]["training, s"].text == "120 ± 0"
     assert rows["nilbs"]["s for 100,000 points"].text == "0.50 ± 0.00"
 
 
-def test_the_overview_holds_every_method_on_every_character(done, store, told) -> None:
+def test_the_overview_holds_every_method_on_every_character(done, store, shown) -> None:
     tables = study_tables(done, store, TITLES)
     rows = table(tables, "Surface IoU of every method")
     assert list(rows["nilbs"]) == [f"{title}: {poses}" for title in TITLES.values() for poses in ("unseen", "far")]
     for character, title in TITLES.items():
         for poses in ("unseen", "far"):
             for method in ("nilbs", "paper", "snarf", "mlp"):
-                assert rows[method][f"{title}: {poses}"].text == told(done, keys(character, method, 3), poses)
+                assert rows[method][f"{title}: {poses}"].text == shown(done, keys(character, method, 3), poses)
     assert rows["nilbs"]["flat man: far"].text == table(tables, "flat man")["nilbs"]["far: surface IoU"].text
     assert rows["nasa"]["elephant: far"].text == "-"
     meanings = table(tables, "What the rows are")
     assert [name for name in meanings if name != "floor °°"] == list(rows)  # which has a surface alone
-    assert "Broyden" in meanings["snarf"]["what it is"].text
+    assert "SNARF" in meanings["snarf"]["what it is"].text
 
 
-def test_the_time_of_a_training_that_was_continued_is_not_told(done, store) -> None:
+def test_the_time_of_a_training_that_was_continued_is_not_shown(done, store) -> None:
     training = done.by_key["elephant/nilbs/seed0"]
     store.write(training, store.result(training) | {"resumed": True})
     rows = table(study_tables(done, store, TITLES), "elephant")
@@ -96,11 +96,11 @@ def test_the_time_of_a_training_that_was_continued_is_not_told(done, store) -> N
     assert rows["nilbs"]["steps"].text == "100 ± 0"
 
 
-def test_scores_of_a_training_that_was_repeated_are_not_shown(done, store, told) -> None:
+def test_scores_of_a_training_that_was_repeated_are_not_shown(done, store, shown) -> None:
     training = done.by_key["elephant/nilbs/seed0"]
     store.write(training, store.result(training) | {"stamp": "another"})
     rows = table(study_tables(done, store, TITLES), "elephant")
-    assert rows["nilbs"]["seen: surface IoU"].text == told(done, keys("elephant", "nilbs", 3)[1:], "seen")
+    assert rows["nilbs"]["seen: surface IoU"].text == shown(done, keys("elephant", "nilbs", 3)[1:], "seen")
     assert rows["nearest °"]["seen: surface IoU"].text == "-"
 
 
@@ -166,15 +166,15 @@ def test_what_was_not_run_is_a_dash(done, store) -> None:
     assert "elephant/nasa/seed0" in results.unfinished(done, store)
 
 
-def test_the_best_of_a_column_is_bold_and_the_truth_is_not_compared(done, store, told, surface_iou) -> None:
+def test_the_best_of_a_column_is_bold_and_the_truth_is_not_compared(done, store, shown, surface_iou) -> None:
     rows = table(study_tables(done, store, TITLES), "flat man")
     best = {name for name, cells in rows.items() if cells["seen: surface IoU"].best}
-    # One seed is all that rivals are scored for in seen poses, and nilbs spreads by more than they differ.
-    rivals = ("paper", "nasa", "nasa-rigid", "snarf", "mlp")
-    scores = {name: surface_iou(done.by_key[f"gingerbread-2d/{name}/seed0/scores"], "seen") for name in rivals}
+    # One seed is all that baselines are scored for in seen poses, and nilbs spreads by more than they differ.
+    baselines = ("paper", "nasa", "nasa-rigid", "snarf", "mlp")
+    scores = {name: surface_iou(done.by_key[f"gingerbread-2d/{name}/seed0/scores"], "seen") for name in baselines}
     assert best == {"nilbs", max(scores, key=scores.get)}
     assert not any(cell.best for cell in rows["mesh-lbs °°"].values())
-    assert rows["mesh-lbs °°"]["seen: surface IoU"].text == told(done, keys("gingerbread-2d", "mesh-lbs", 1), "seen")
+    assert rows["mesh-lbs °°"]["seen: surface IoU"].text == shown(done, keys("gingerbread-2d", "mesh-lbs", 1), "seen")
     # Its points would be compared with themselves.
     assert rows["floor °°"]["seen: surface IoU"].text == "-"
     assert rows["floor °°"]["seen: Chamfer, % of L"].text == "0.050 ± 0.000"
@@ -211,23 +211,23 @@ def test_distances(done, store) -> None:
     assert rows["flat man"]["far: corrected by the local stretch"].text == "0.030"
 
 
-def test_ablation_and_mappings(done, store, told) -> None:
+def test_ablation_and_mappings(done, store, shown) -> None:
     tables = study_tables(done, store, TITLES)
     settings = table(tables, "Settings switched")
     ghostless = ["ablation/elephant-no-ghost-bone/scores"]
     for poses in ("unseen", "far"):
-        assert settings["no ghost bone"][poses].text == told(done, ghostless, poses)
-        assert settings["no ghost bone"][f"{poses}, inverse map alone"].text == told(done, ghostless, poses, "inverse")
+        assert settings["no ghost bone"][poses].text == shown(done, ghostless, poses)
+        assert settings["no ghost bone"][f"{poses}, inverse map alone"].text == shown(done, ghostless, poses, "inverse")
     ways = table(tables, "Ways of the default model")
     assert next(iter(ways)) == "search (default)"
     default, others = (["ablation/elephant-default/" + key] for key in ("scores", "mappings"))
-    assert ways.pop("search (default)")["far"].text == told(done, default, "far")
-    assert ways["inverse"]["unseen"].text == told(done, default, "unseen", "inverse")
-    assert ways["reverse"]["unseen"].text == told(done, others, "unseen", "reverse")
+    assert ways.pop("search (default)")["far"].text == shown(done, default, "far")
+    assert ways["inverse"]["unseen"].text == shown(done, default, "unseen", "inverse")
+    assert ways["reverse"]["unseen"].text == shown(done, others, "unseen", "reverse")
     assert len(ways) == len(MAPPINGS) - 1
 
 
-def test_a_sweep_tells_those_that_are_scored_there(done, store) -> None:
+def test_a_sweep_shows_the_rows_that_are_scored_there(done, store) -> None:
     tables = study_tables(done, store, TITLES)
     for what, learned_nothing in (("training minutes", []), ("surface noise, in units of 0.006 L", ["nearest °"])):
         unseen = table(tables, f"Surface IoU against {what}: unseen")
@@ -249,12 +249,12 @@ def test_controls_are_the_most_wrong_of_all_scorings(done, store, surface_iou) -
     ]
     rows = table(study_tables(done, store, TITLES), "Controls")
     assert rows["elephant"]["perfect: iou_bbox"].text == "0.7500"
-    asked = done.by_key["elephant/mesh-lbs/seed0/scores"]
-    worst = min(surface_iou(asked, poses) for poses in POSE_SETS)
+    job = done.by_key["elephant/mesh-lbs/seed0/scores"]
+    worst = min(surface_iou(job, poses) for poses in POSE_SETS)
     assert rows["elephant"]["mesh LBS: iou_surface"].text == f"{worst:.4f}"
 
 
-def test_all_files_are_written_and_agree(done, store, told, surface_iou) -> None:
+def test_all_files_are_written_and_agree(done, store, shown, surface_iou) -> None:
     scale = full_scale(["gingerbread-2d", "elephant"], minutes=5, seeds=3)
     values = write_outputs(done, store, scale, command=["nilbs", "study", "--out", "<here>"])
     assert json.loads((store.folder / "study.json").read_text()) == values
@@ -269,7 +269,7 @@ def test_all_files_are_written_and_agree(done, store, told, surface_iou) -> None
     assert any(key.startswith("frames/") for key in values["unfinished"])
     text = (store.folder / "study.md").read_text()
     assert "| method | seen: bbox IoU |" in text
-    assert f"**{told(done, keys('gingerbread-2d', 'nilbs', 3), 'seen')}**" in text
+    assert f"**{shown(done, keys('gingerbread-2d', 'nilbs', 3), 'seen')}**" in text
     assert "| training frames | 100, evenly spaced, where the motion has as many; elephant 60 |" in text
     worst = text.partition("### gingerbread man, 2D: worst frames")[2].partition("###")[0]
     row = next(line for line in worst.splitlines() if line.startswith("| nilbs |"))
@@ -284,7 +284,7 @@ def test_all_files_are_written_and_agree(done, store, told, surface_iou) -> None
     assert headings[-1] == "What is missing"
 
 
-def test_nothing_known_gives_a_report_of_dashes(store) -> None:
+def test_a_report_without_results_holds_dashes(store) -> None:
     study = plan(quick_scale())
     store.folder.mkdir()
     write_outputs(study, store, quick_scale(), quick=True)
@@ -294,14 +294,14 @@ def test_nothing_known_gives_a_report_of_dashes(store) -> None:
     assert "numbers mean nothing" in (store.folder / "study.md").read_text()
 
 
-def test_failures_are_told_and_text_is_escaped(store, pretender) -> None:
+def test_failures_are_listed_and_text_is_escaped(store, pretender) -> None:
     study = plan(quick_scale())
     run(study, store, [pretender(failing=("gingerbread-2d/nilbs/seed0",))], report=lambda line: None)
     write_outputs(study, store, quick_scale(), command=["nilbs", "study", "--out", "a<b>&\x07"])
     text = (store.folder / "study.html").read_text()
     page = ElementTree.fromstring(text.replace("<!DOCTYPE html>", ""))
-    told = [item.text for item in page.iter("li")]
-    assert "gingerbread-2d/nilbs/seed0 failed: ValueError: it would <not> & could not" in told
+    shown = [item.text for item in page.iter("li")]
+    assert "gingerbread-2d/nilbs/seed0 failed: ValueError: it would <not> & could not" in shown
     assert "\x07" not in text
     assert "nilbs study --out a<b>&" in [cell.text for cell in page.iter("td")]
 

@@ -66,7 +66,7 @@ def test_seeds(full) -> None:
             assert f"{name}/{method}/seed0" in full.by_key
 
 
-def test_surfaces_of_rivals_are_scored_for_first_seeds_only(full) -> None:
+def test_surfaces_of_baselines_are_scored_for_first_seeds_only(full) -> None:
     with_surfaces = {job.key: job for job in full.jobs if job.kind == SCORE and job.spec["resolution"]}
     assert "surfaces/elephant-nilbs" in with_surfaces
     others = {key: job for key, job in with_surfaces.items() if "-nilbs-seed" not in key}
@@ -78,7 +78,7 @@ def test_surfaces_of_rivals_are_scored_for_first_seeds_only(full) -> None:
     assert {e.job for e in full.entries if e.part == "surfaces"} == set(with_surfaces)
 
 
-def test_what_asks_every_bone_is_spared_where_there_are_very_many(full) -> None:
+def test_methods_that_evaluate_every_bone_are_left_out_where_there_are_very_many(full) -> None:
     assert not {"surfaces/arm-nasa", "surfaces/elephant-snarf"} & set(full.by_key)
     assert {"surfaces/elephant-nasa", "surfaces/gingerbread-2d-snarf"} <= set(full.by_key)
     snarf = full.by_key["makehuman/snarf/seed0/scores"]
@@ -96,7 +96,7 @@ def test_what_asks_every_bone_is_spared_where_there_are_very_many(full) -> None:
     assert full.by_key["elephant/nilbs/seed0/other-rows"].spec["rows"] == ["rigid-parts"]
 
 
-def test_rivals_are_scored_on_fewer_poses(full) -> None:
+def test_baselines_are_scored_on_fewer_poses(full) -> None:
     def poses(key: str) -> list[str]:
         return full.by_key[key].spec["poses"]
 

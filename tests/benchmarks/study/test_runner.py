@@ -228,7 +228,7 @@ def test_a_stop_that_finds_no_process_yet_is_heard(busy, monkeypatch) -> None:
     assert processes[0].returncode == -signal.SIGKILL  # it was not left to end by itself
 
 
-def test_progress_tells_the_number_the_time_and_what_is_left(store, pretender) -> None:
+def test_progress_shows_the_number_of_the_job_its_time_and_the_time_left(store, pretender) -> None:
     lines: list[str] = []
     run(a_plan(), store, [pretender()], report=lines.append)
     assert lines[0].startswith("[1/3] arm/nilbs ... 0:00 min, about 0:02 h left")

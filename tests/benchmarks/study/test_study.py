@@ -1,6 +1,7 @@
 """The command itself."""
 
 import json
+import re
 from xml.etree import ElementTree
 
 import pytest
@@ -10,12 +11,12 @@ from benchmarks.study.outputs import FILES
 from benchmarks.study.plan import PARTS
 
 
-def test_what_cannot_be_meant_is_refused(tmp_path, capsys) -> None:
+def test_options_that_contradict_are_refused(tmp_path, capsys) -> None:
     out = str(tmp_path / "out")
     assert main(["--out", out, "--quick", "--seeds", "2"]) == 2
-    assert "--seeds cannot stand beside --quick" in capsys.readouterr().err
+    assert re.search("--seeds.*--quick", capsys.readouterr().err)
     assert main(["--out", out, "--data", str(tmp_path / "none")]) == 2
-    assert "this is no folder; --data names one that holds" in capsys.readouterr().err
+    assert re.search(r"none: .*--data", capsys.readouterr().err)
     for words in (["--minutes", "0"], ["--only", "everything"], ["--seeds", "0"], ["--seeds", "101"]):
         with pytest.raises(SystemExit) as stop:
             main(["--out", out, *words])
@@ -23,33 +24,28 @@ def test_what_cannot_be_meant_is_refused(tmp_path, capsys) -> None:
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    ("taken", "message"),
-    [
-        ("out", "out: this is a file, and the study needs a folder\n"),
-        ("out/pictures", "pictures: this is a file, where a folder is wanted\n"),
-    ],
-)
-def test_a_file_where_a_folder_is_wanted_is_told_before_the_work(taken: str, message: str, tmp_path, capsys) -> None:
+@pytest.mark.parametrize("taken", ["out", "out/pictures"])
+def test_a_file_in_place_of_a_folder_is_reported_before_the_work(taken: str, tmp_path, capsys) -> None:
     path = tmp_path / taken
     path.parent.mkdir(exist_ok=True)
     path.write_text("mine")
     assert main(["--out", str(tmp_path / "out"), "--quick"]) == 2
-    assert capsys.readouterr().err.endswith(message)
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "error" in line]
+    assert f"{taken.rpartition('/')[2]}: this is a file" in line
     assert path.read_text() == "mine"
 
 
-def test_a_stop_leaves_tables_and_says_how_to_go_on(tmp_path, capsys, monkeypatch) -> None:
+def test_a_study_that_is_stopped_leaves_tables_and_can_be_continued(tmp_path, capsys, monkeypatch) -> None:
     def stopped(worker, job) -> bool:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("benchmarks.study.runner.Worker.__call__", stopped)
     assert main(["--out", str(tmp_path), "--quick"]) == 130
-    assert "the same command goes on from here" in capsys.readouterr().err
+    assert "same command" in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir() if path.is_file()} == {*FILES, "lock"}
 
 
-def test_failed_jobs_are_told_and_the_status_is_two(tmp_path, capsys, monkeypatch) -> None:
+def test_failed_jobs_are_reported_and_the_status_is_two(tmp_path, capsys, monkeypatch) -> None:
     def failing(worker, job) -> bool:
         worker._store.fail(job, "ValueError: no luck")
         return False
@@ -60,7 +56,7 @@ def test_failed_jobs_are_told_and_the_status_is_two(tmp_path, capsys, monkeypatc
     assert json.loads(printed.out)["failed"] == {"twist/capsule": "ValueError: no luck"}
     lines = printed.err.splitlines()
     assert "nilbs: twist/capsule failed: ValueError: no luck" in lines
-    assert lines[-1] == "nilbs: error: 1 of 1 jobs failed; the same command tries them again"
+    assert "1 of 1 jobs failed" in lines[-1]
 
 
 @pytest.mark.slow

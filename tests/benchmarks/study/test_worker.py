@@ -26,7 +26,7 @@ MODEL = SimpleNamespace(save=lambda path: path.write_bytes(b"model"), history=np
 
 
 class Called:
-    """A function that remembers what it was called with, and returns or raises what it is told, the last for ever."""
+    """A function that remembers its calls, and returns or raises the given results in turn, the last for ever."""
 
     def __init__(self, *results: Any) -> None:
         self.results, self.calls = list(results), []
@@ -41,7 +41,7 @@ class Called:
 
 @pytest.fixture
 def train(store, monkeypatch) -> Callable[..., tuple[Called, Called, Any]]:
-    """Do a training whose `fit` returns or raises what is told; the arm and its motion are made up."""
+    """Do a training whose `fit` returns or raises the given results; the arm and its motion are made up."""
 
     def done(*results: Any) -> tuple[Called, Called, Any]:
         arm = SimpleNamespace(skeleton=SimpleNamespace(BE=np.zeros((4, 2))), V=np.zeros((10, 3)))
@@ -62,14 +62,14 @@ def test_a_training_is_of_the_frames_the_minutes_the_seed_and_the_settings(train
     assert args[0] == "arm"
     assert options == {"frames": 17, "seed": 3}
     ((_, options),) = fit.calls
-    wanted = {"method": "snarf", "width": 9, "minutes": 0.25, "seed": 3, "device": "cpu", "resume": True}
-    assert {name: options[name] for name in wanted} == wanted
+    given = {"method": "snarf", "width": 9, "minutes": 0.25, "seed": 3, "device": "cpu", "resume": True}
+    assert {name: options[name] for name in given} == given
     assert (result["frames"], result["steps"], result["loss"], result["bones"]) == (2, 5, 2.0, 4)
     assert result["resumed"] is False
     assert store.model(TRAINING.key).read_bytes() == b"model"
 
 
-def test_a_training_that_goes_on_says_so_and_leaves_no_checkpoint(train, store) -> None:
+def test_a_training_that_is_continued_is_marked_and_leaves_no_checkpoint(train, store) -> None:
     checkpoint = worker._checkpoint(TRAINING, store)
     checkpoint.parent.mkdir(parents=True)
     checkpoint.write_bytes(b"half of it")
@@ -95,7 +95,7 @@ def test_a_checkpoint_that_cannot_be_read_is_left_behind_once(train, store) -> N
 
 
 @pytest.mark.parametrize("ious", [None, ["iou_surface"]])
-def test_a_scoring_is_of_everything_that_its_spec_says(ious, store, monkeypatch) -> None:
+def test_a_scoring_covers_everything_in_its_spec(ious, store, monkeypatch) -> None:
     trained = {"stamp": "the first", "seconds": 1.0, "resumed": False, "steps": 5, "frames": 2, "wall_seconds": 1.0}
     store.write(TRAINING, trained)
     scores = {"poses": {}, "rows": {}, "controls": {}, "query_seconds": {}}
@@ -103,7 +103,7 @@ def test_a_scoring_is_of_everything_that_its_spec_says(ious, store, monkeypatch)
     load = Called("the model")
     monkeypatch.setattr("nilbs.models.evaluation.evaluate", evaluate)
     monkeypatch.setattr("nilbs.models.model.load_model", load)
-    asked = {
+    options = {
         "points": 7,
         "resolution": 9,
         "seed": 3,
@@ -112,11 +112,11 @@ def test_a_scoring_is_of_everything_that_its_spec_says(ious, store, monkeypatch)
         "noise": 0.5,
         "distances": True,
     }
-    spec = {"training": TRAINING.key, "of": SPEC, **asked} | ({} if ious is None else {"ious": ious})
+    spec = {"training": TRAINING.key, "of": SPEC, **options} | ({} if ious is None else {"ious": ious})
     job = Job("arm/snarf/seed3/scores", "score", spec, TRAINING.key)
     assert do(job, store, None)
     assert load.calls == [((store.model(TRAINING.key),), {})]
-    assert evaluate.calls == [(("the model",), {**asked, "ious": ious or IOUS, "progress": True})]
+    assert evaluate.calls == [(("the model",), {**options, "ious": ious or IOUS, "progress": True})]
     result = store.result(job)
     assert result["scores"] == scores
     assert result["trained"] == "the first"
