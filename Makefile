@@ -9,7 +9,7 @@ MARKS := $(if $(UNIT),-m "not slow")
 BPY := 5.0.1
 BLENDER ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/nilbs/bpy-$(BPY)
 
-.PHONY: help demo test lint docs format study blender wheel clean
+.PHONY: help demo test lint docs format study blender bpy wheel clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -37,11 +37,13 @@ study: $(VENV)/.ready ## train and score every method, in days or with ARGS=--qu
 	@test -n "$(OUT)" || { echo "name the folder of the results, outside this one: make study OUT=../study"; exit 2; }
 	$(BIN)/python -m benchmarks.study --out $(OUT) $(ARGS)
 
-blender: $(VENV)/.ready-test ## compare with Blender; its package bpy is installed in $XDG_CACHE_HOME/nilbs on first use
+blender: bpy $(VENV)/.ready-test ## compare with Blender; its package bpy is installed in $XDG_CACHE_HOME/nilbs on first use
+	OMP_NUM_THREADS=1 NILBS_BPY=$(BLENDER)/bin/python $(BIN)/python -m pytest tests/io/test_blender.py
+
+bpy:
 	test -x $(BLENDER)/bin/python || $(PYTHON) -m venv $(BLENDER)
 	$(BLENDER)/bin/python -m pip install --quiet --disable-pip-version-check bpy==$(BPY)
 	$(BLENDER)/bin/python -c "import bpy"
-	OMP_NUM_THREADS=1 NILBS_BPY=$(BLENDER)/bin/python $(BIN)/python -m pytest tests/io/test_blender.py
 
 wheel: $(VENV)/.ready-test ## build the wheel and the sdist in out/dist, and use the wheel in a bare environment
 	rm -rf out/dist out/bare
