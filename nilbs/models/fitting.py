@@ -107,7 +107,8 @@ def fit(
     resolved = chosen.resolved(character)
     report = report or silent
     # How long a training takes is no part of what it is.
-    open_ended = resolved if minutes is None else replace(resolved, steps=None)  # type: ignore[call-arg]
+    timed = minutes is not None and isinstance(resolved, TrainedMethod)
+    open_ended = replace(resolved, steps=None) if timed else resolved  # type: ignore[call-arg]
     fingerprint = _fingerprint(character, motion, open_ended, dtype)
     state = None
     if checkpoint is not None and resume:

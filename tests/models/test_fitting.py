@@ -289,6 +289,10 @@ def test_minutes_are_positive_and_stand_alone(minutes: float, steps: int | None,
         fit(*bar, TINY, steps=steps, device="cpu", minutes=minutes)
 
 
+def test_a_method_that_learns_nothing_takes_no_minutes(bar) -> None:
+    assert not len(fit(*bar, "nearest", device="cpu", minutes=1).history)
+
+
 def test_a_training_by_minutes_goes_on_to_the_steps_it_began_with(bar, tmp_path: Path, monkeypatch) -> None:
     path = tmp_path / "a.checkpoint"
     options = {"device": "cpu", "checkpoint": path}
