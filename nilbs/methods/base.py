@@ -70,6 +70,9 @@ class Method:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if "name" in cls.__dict__:
+            known = REGISTERED.get(cls.name, cls)
+            if known.__qualname__ != cls.__qualname__:  # a class may be defined again, as in a notebook
+                raise ValueError(f"the name {cls.name!r} is that of {known.__module__}.{known.__qualname__}")
             REGISTERED[cls.name] = cls
 
     def __post_init__(self) -> None:

@@ -116,6 +116,12 @@ def test_settings_of_the_last_file_version_make_the_same_method() -> None:
     assert of_version_5(old | {"method": "nasa", "width": 12}).width == 12
 
 
+def test_two_classes_have_two_names() -> None:
+    with pytest.raises(ValueError, match=r"'mlp' .*nilbs\.methods\.mlp\.Mlp"):
+        type("Another", (Method,), {"name": "mlp", "summary": "another", "__module__": __name__})
+    assert method_class("mlp") is Mlp
+
+
 def test_defining_a_class_registers_it_and_a_subclass_inherits_settings() -> None:
     @dataclass(frozen=True)
     class Quieter(Mlp):
