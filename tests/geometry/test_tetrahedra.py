@@ -108,7 +108,7 @@ def test_an_error_of_python_is_reported_as_such(tmp_path: Path, monkeypatch: pyt
     program = tmp_path / "missing.py"
     program.write_text("import no_such_library")
     monkeypatch.setattr(tetrahedra, "PROGRAM", program)
-    with pytest.raises(RuntimeError, match="No module named 'no_such_library'"):
+    with pytest.raises(ChildProcessError, match="No module named 'no_such_library'"):
         conforming_tetrahedra(CUBE, CUBE_F, POINTS)
 
 

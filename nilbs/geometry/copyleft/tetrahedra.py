@@ -60,8 +60,8 @@ def _tetgen(V: np.ndarray, F: np.ndarray, flags: str) -> tuple[np.ndarray, np.nd
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
         )
-        if done.returncode == 1:  # an error of Python, such as a library that is missing
-            raise RuntimeError(f"TetGen could not be run: {done.stderr.decode(errors='replace').strip()[-300:]}")
+        if done.returncode == 1:  # an error of Python, such as a full disk or a library that is missing
+            raise ChildProcessError(f"TetGen could not be run: {done.stderr.decode(errors='replace').strip()[-300:]}")
         problem = f"it crashed with code {done.returncode}"
         if done.returncode == 0:
             with np.load(Path(folder, "volume.npz")) as volume:
