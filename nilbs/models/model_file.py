@@ -60,7 +60,7 @@ def read_model_file(path: str | Path) -> ModelParts:
         clips = tuple((str(name), int(start)) for name, start in text.get("clips", ()))
         motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton, clips)
         settings = text["settings"]
-        if "method" in settings:
+        if "method" not in text:
             method = of_version_5(settings)
         else:
             method = method_class(text["method"]).from_settings(settings)
