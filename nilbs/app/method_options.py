@@ -59,9 +59,9 @@ def _add_setting(group: Any, by_method: dict[str, Setting]) -> None:
     if s.kind is bool:
         option["action"] = argparse.BooleanOptionalAction
     else:
-        option |= {"type": s.kind, "metavar": {int: "N", float: "X", str: "NAME"}[s.kind]}
-        if s.choices:
-            option["choices"] = s.choices
+        choices = dict.fromkeys(choice for other in by_method.values() for choice in other.choices)
+        names = f"{{{','.join(choices)}}}" if choices else "NAME"  # the method refuses any other
+        option |= {"type": s.kind, "metavar": {int: "N", float: "X", str: names}[s.kind]}
     group.add_argument(f"--{s.name.replace('_', '-')}", **option)
 
 

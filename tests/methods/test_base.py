@@ -5,7 +5,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from nilbs.methods.base import Method, TrainedMethod, setting
+from nilbs.app.main import parser_of
+from nilbs.app.method_options import chosen_method
+from nilbs.methods.base import REGISTERED, Method, TrainedMethod, setting
 from nilbs.methods.mlp import Mlp
 from nilbs.methods.nasa import Nasa
 from nilbs.methods.nilbs import Nilbs
@@ -116,6 +118,25 @@ def test_settings_of_the_last_file_version_make_the_same_method() -> None:
     assert of_version_5(old | {"method": "nasa", "width": 12}).width == 12
 
 
+def test_the_command_line_takes_the_choices_of_the_chosen_method(monkeypatch) -> None:
+    @dataclass(frozen=True)
+    class Other(Method):
+        summary: ClassVar[str] = "another way"
+        mapping: str = setting("up", "way to the canonical point", choices=("up", "down"))
+
+    monkeypatch.setattr(Other, "name", "other", raising=False)
+    monkeypatch.setitem(REGISTERED, "other", Other)
+
+    def chosen(*options: str) -> Method:
+        words = ["train", "a.glb", "-o", "a.nilbs", *options]
+        return chosen_method(parser_of(words).parse_args(words))
+
+    assert chosen("--method", "other", "--mapping", "down") == Other(mapping="down")
+    assert chosen("--mapping", "parts") == Nilbs(mapping="parts")
+    with pytest.raises(ValueError, match="'down'"):
+        chosen("--mapping", "down")
+
+
 def test_two_classes_have_two_names() -> None:
     with pytest.raises(ValueError, match=r"'mlp' .*nilbs\.methods\.mlp\.Mlp"):
         type("Another", (Method,), {"name": "mlp", "summary": "another", "__module__": __name__})
@@ -132,6 +153,4 @@ def test_defining_a_class_registers_it_and_a_subclass_inherits_settings() -> Non
         assert method_of("quieter-mlp", width=3) == Quieter(width=3)
         assert Quieter().noise == 0.001
     finally:
-        from nilbs.methods.base import REGISTERED
-
         del REGISTERED["quieter-mlp"]
