@@ -273,13 +273,18 @@ def test_joints_are_means_of_the_whole_mesh(makehuman, W, lines):
     assert any("rig.mhw, which lies beside it" in line for line in lines)
 
 
-def test_weights_by_the_names_of_bones(makehuman, W):
+def test_weights_by_the_names_of_bones(makehuman, W, monkeypatch):
     (makehuman / "rig.mhw").rename(makehuman / "other.mhw")
     files = (makehuman / "cubes.obj", makehuman / "rig.mhskel")
     assert load_bundle(files, group="right").influences is None
     bundle = load_bundle([makehuman / "other.mhw", *files], group="right")
     columns = [bundle.skeleton.names.index(name) for name in ("low", "high")]
     assert np.abs(weights_of(bundle)[:, columns] - W[8:]).max() <= 1e-9
+    calls = []
+    monkeypatch.setattr("nilbs.characters.bundle.read_bundle", lambda *a, **k: calls.append(a) or read_bundle(*a, **k))
+    by_option = load_bundle(files, weights=makehuman / "other.mhw", group="right")
+    assert (weights_of(by_option) == weights_of(bundle)).all()
+    assert len(calls) == 3
 
 
 def test_errors_of_solving_name_the_files(folder):
