@@ -61,6 +61,7 @@ sphinx_gallery_conf = {
     "default_thumb_file": str(HERE / "images" / "side-by-side.png"),
     "show_signature": False,
     "show_memory": False,
+    "write_computation_times": False,
     "min_reported_time": 1e9,
     "within_subsection_order": "FileNameSortKey",
     "remove_config_comments": True,

@@ -1,4 +1,4 @@
-"""`nilbs query`: ask a model about points in a pose."""
+"""`nilbs query`: evaluate a model at points in a pose."""
 
 import argparse
 
@@ -13,8 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--distance",
         action="store_true",
-        help="signed distance in mesh units, negative inside, not occupancy; read at the rest image, so that it is the "
-        "rest shape's",
+        help="signed distance of the rest shape at the canonical points, in mesh units, negative inside; not occupancy",
     )
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the (n,) values to write, .npy")
     add_device(parser)
@@ -22,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Ask, write and report."""
+    """Evaluate, write and report."""
     from time import perf_counter
 
     from nilbs.app.output import show
