@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> None:
     from benchmarks.study.runner import run as run_jobs
     from benchmarks.study.store import FOLDERS, Store
     from nilbs.app.output import show
-    from nilbs.app.poses import tell
+    from nilbs.app.poses import print_note
     from nilbs.io import check_writable
 
     given = args.data or os.environ.get("NILBS_DATA")
@@ -117,14 +117,14 @@ def run(args: argparse.Namespace) -> None:
         return write_outputs(study, store, scale, command=command, quick=args.quick, lanes=lanes, threads=threads)
 
     for line in study.missing:
-        tell(line)
+        print_note(line)
     lanes = args.jobs or (1 if args.quick else cores())
     # Jobs share the cores: a thread more than there are cores would wait.
     wanted = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()  # a list tells of nested regions
     threads = 1 if args.quick else (int(wanted) if wanted.isdecimal() else 0) or max(1, cores() // lanes)
     jobs = study.of_parts(args.only)
     todo = [job for job in jobs if not store.done(job, study)]
-    tell(f"{len(todo)} of {len(jobs)} jobs are to be done" + (f", about {estimate(todo, lanes)}" if todo else ""))
+    print_note(f"{len(todo)} of {len(jobs)} jobs are to be done" + (f", about {estimate(todo, lanes)}" if todo else ""))
     try:
         with ExitStack() as stack:
             stack.enter_context(store.alone())
@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> None:
             workers = [
                 stack.enter_context(Worker(store, data, fresh=not args.quick, threads=threads)) for _ in range(lanes)
             ]
-            failed = run_jobs(study, store, workers, jobs=jobs, report=tell)
+            failed = run_jobs(study, store, workers, jobs=jobs, report=print_note)
     except KeyboardInterrupt as interrupt:
         write()
         interrupt.add_note(f"the same command goes on from here; {args.out} holds tables of what is done")
@@ -146,5 +146,5 @@ def run(args: argparse.Namespace) -> None:
     show(shown if args.json else {}, as_json=args.json, table=table)
     if failed:
         for key, why in failed.items():
-            tell(f"{key} failed: {why}")
+            print_note(f"{key} failed: {why}")
         raise ValueError(f"{len(failed)} of {len(jobs)} jobs failed; the same command tries them again")

@@ -4,7 +4,7 @@ import sys
 
 
 def peak_memory_mib() -> float | None:
-    """The most memory that this process has held, in MiB; None where the system does not tell."""
+    """The most memory that this process has held, in MiB; None if the system does not report it."""
     try:
         from resource import RUSAGE_SELF, getrusage
     except ImportError:  # Windows

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from nilbs.models.model import Model
 
 
-def tell(line: str) -> None:
-    """Report on standard error what was decided."""
+def print_note(line: str) -> None:
+    """Print a note on standard error."""
     print(f"nilbs: {line}", file=sys.stderr)
 
 
@@ -22,7 +22,7 @@ def motion_of_file(args: argparse.Namespace, skeleton: "Skeleton") -> "Motion":
     """The motion of a skeleton in the file of `--motion`."""
     from nilbs.characters.motion import load_motion
 
-    return load_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=tell)
+    return load_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=print_note)
 
 
 def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | None":
@@ -42,7 +42,7 @@ def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | Non
         raise ValueError(f"--amplitude is of random motion, and {file} brings one: leave it out, or give --random")
     if args.motion is not None:
         return motion_of_file(args, skeleton)
-    return motion_of_clips(bundle.clips, skeleton, clip=args.clip, bone_map=args.map, report=tell)
+    return motion_of_clips(bundle.clips, skeleton, clip=args.clip, bone_map=args.map, report=print_note)
 
 
 def check_motion_options(args: argparse.Namespace) -> None:

@@ -70,7 +70,7 @@ class Model:
 
     @property
     def root(self) -> int:
-        """The first root bone: the field works in its frame, and the ghost bone copies its transform."""
+        """First root bone; the field works in its frame, and the ghost bone copies its transform."""
         return root_bone(self.character)
 
     def posed(self, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True) -> PosedModel:

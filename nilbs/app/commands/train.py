@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
     from time import perf_counter
 
     from nilbs.app.output import show
-    from nilbs.app.poses import tell, training_motion
+    from nilbs.app.poses import print_note, training_motion
     from nilbs.characters.bundle import character_of, load_bundle
     from nilbs.io import check_suffix, check_writable
 
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> None:
         raise ValueError("--random and --motion each give a motion: leave one out")
     method = chosen_method(args)
     start = perf_counter()
-    bundle = load_bundle(args.files, weights=args.weights, group=args.group, solve=args.solve, report=tell)
+    bundle = load_bundle(args.files, weights=args.weights, group=args.group, solve=args.solve, report=print_note)
     given = training_motion(args, bundle)
     # Torch takes seconds to import: files that do not fit are reported before.
     from nilbs.app.memory import peak_memory_mib
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.models.model import torch_device
 
     device = torch_device(args.device)
-    character = character_of(bundle, progress=True, report=tell)
+    character = character_of(bundle, progress=True, report=print_note)
     motion = _random_motion(args, character) if given is None else given.spread(args.frames)
     try:
         model = fit(
@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> None:
             checkpoint=checkpoint,
             resume=args.resume,
             progress=True,
-            report=tell,
+            report=print_note,
         )
     except KeyboardInterrupt as interrupt:
         if Path(checkpoint).exists():

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     import numpy as np
 
     from nilbs.app.output import rows, show
-    from nilbs.app.poses import tell
+    from nilbs.app.poses import print_note
     from nilbs.characters.bundle import errors_of, load_bundle, rigged
     from nilbs.geometry.rig_weights import solve_weights
     from nilbs.io import check_suffix, check_writable, write_weights
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> None:
 
     def noted(line: str) -> None:
         notes.append(line)
-        tell(line)
+        print_note(line)
 
     mesh, skeleton = rigged(load_bundle(args.files, group=args.group, solve=True, report=noted))
     start = perf_counter()
