@@ -70,7 +70,7 @@ def failure_figures(
 ) -> list[Failure]:
     """Train on hard cases and draw them; returns (title, caption, path) of each figure, with this run's numbers.
 
-    `models` are trained models that are at hand: "capsule", "gingerbread" (flat) and "fins"; the others are trained here,
+    `models` are trained models at hand: "capsule", "gingerbread" (flat) and "fins"; the others are trained here,
     for so many `minutes` or `steps`, with the settings `changes`.
     """
     from nilbs.characters.capsule import capsule
