@@ -1,4 +1,4 @@
-"""Which labelled points a training step takes: more of those that the field still gets wrong."""
+"""Labelled points of a training step: more of those where the field is wrong."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from torch import Tensor
 
 
 class AdaptiveSampler:
-    """Draws of (frame, point) pairs, half of them uniform and half in proportion to the field's last known error.
+    """Draws of (frame, point) pairs, half of them uniform and half in proportion to the field's last error.
 
     Most points around a character are easily outside; the few that a smooth weight network maps into the body by
     mistake are rare, and a uniform draw hardly ever takes them.
@@ -19,7 +19,7 @@ class AdaptiveSampler:
         self.forget()
 
     def forget(self) -> None:
-        """Draw all points uniformly, as before the first update."""
+        """Draw all points uniformly, as before the first refresh."""
         self.mass = np.ones((self.frames, self.points))
         self._accumulate()
 

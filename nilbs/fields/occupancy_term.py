@@ -9,10 +9,10 @@ from torch import Tensor, nn
 from nilbs.fields.adaptive import AdaptiveSampler
 from nilbs.fields.samples import OccupancySamples
 
-# Points of one look that are evaluated together; bounds the memory of methods that visit every bone.
-LOOK = 4096
-# A look takes every fourth point, so that it costs little beside the steps between two.
-LOOKS = 4
+# Points whose errors are evaluated together; bounds the memory of methods that visit every bone.
+CHUNK = 4096
+# A refresh evaluates every fourth point, so that it costs little beside the steps between two.
+STRIDE = 4
 
 
 class OccupancyTerm:
@@ -27,8 +27,7 @@ class OccupancyTerm:
     labelled : OccupancySamples
         Points of those frames.
     adaptive : bool
-        Whether half of the points are drawn in proportion to the field's error on them at the last look; `looks` says
-        so.
+        Whether half of the points are drawn in proportion to the field's error on them at the last refresh.
     absolute : bool
         Whether occupancies are compared by their absolute difference, as in the paper, instead of cross-entropy.
     """
@@ -51,17 +50,17 @@ class OccupancyTerm:
         self.sampler = AdaptiveSampler(*labelled.inside.shape)
         self.poses_per_step, self.points_per_pose = poses_per_step, points_per_pose
         self.factor, self.absolute = factor, absolute
-        self.looks = adaptive and factor > 0
+        self.adaptive = adaptive and factor > 0
 
-    def look(self, turn: int) -> None:
-        """Look at the field's error on a part of the points; the turns take the parts one after the other.
+    def refresh(self, turn: int) -> None:
+        """Evaluate the field's error on some of the points, in turn others.
 
-        Turn 0 forgets all looks instead, because an untrained field has no errors worth following.
+        Turn 0 forgets all errors instead, because those of an untrained field mean nothing.
         """
         if turn == 0:
             self.sampler.forget()
-        elif self.looks:
-            self.sampler.refresh(self._error, slice(turn % LOOKS, None, LOOKS))
+        elif self.adaptive:
+            self.sampler.refresh(self._error, slice(turn % STRIDE, None, STRIDE))
 
     def __call__(self, rng: np.random.Generator) -> Tensor:
         """Loss on a batch that the generator draws."""
@@ -76,6 +75,6 @@ class OccupancyTerm:
 
     def _error(self, frame: int, seen: slice) -> Tensor:
         """Squared error of occupancy at labelled points of a frame."""
-        parts = self.x[frame, seen].split(LOOK)
+        parts = self.x[frame, seen].split(CHUNK)
         logit = torch.cat([self.logit(x[None], self.poses[frame : frame + 1])[0] for x in parts])
         return (torch.sigmoid(logit) - self.inside[frame, seen]) ** 2

@@ -172,12 +172,12 @@ def _steps_within(seconds: float, field: Field, objective: Objective, learning_r
         if count >= TRIAL or (count > 1 and now - start > TRIAL_PART * seconds):
             break
         count *= 2
-    look = 0.0
+    refresh = 0.0
     if objective.memory > 1:
         objective(objective.memory)
-        look = perf_counter() - now - step
+        refresh = perf_counter() - now - step
     field.load_state_dict(initial)
-    steps = seconds / (step + look / objective.memory)
+    steps = seconds / (step + refresh / objective.memory)
     if not steps < MOST_STEPS:
         raise ValueError(f"minutes are {seconds / 60:g}, enough for {steps:.1g} steps; {MOST_STEPS:g} are the most")
     return max(1, int(steps))

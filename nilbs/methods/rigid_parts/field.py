@@ -50,27 +50,27 @@ class RigidPieces:
         translation[singular] = (self.V.max(axis=0) + 10 * np.ptp(self.V, axis=0).max())[:, None]
         return lambda x: self._answers((inverse @ x.T + translation).swapaxes(1, 2))
 
-    def _answers(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance and deciding image of points with images (b, n, d)."""
+    def _answers(self, candidates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distance and canonical point of queries whose bones' rigid inverses are `candidates` (b, n, d)."""
         # A part lies in its box, so beyond the box the distance to the box is a bound.
-        beyond = np.maximum(np.maximum(self.lower[:, None] - images, images - self.upper[:, None]), 0)
+        beyond = np.maximum(np.maximum(self.lower[:, None] - candidates, candidates - self.upper[:, None]), 0)
         value = np.linalg.norm(beyond, axis=2)
         bone, point = np.nonzero(value == 0)
-        place = images[bone, point]
+        place = candidates[bone, point]
         own = self.owner[self.tree.query(place)[1]] == bone
         value[bone[own], point[own]] = signed_distance(self.V, self.F, place[own])
         exact = np.zeros(value.shape, dtype=bool)
         exact[bone[own], point[own]] = True
-        # What is still open is settled for the images with the smallest bounds, until one that is settled is smallest.
-        point = np.arange(images.shape[1])
+        # The smallest bound is made exact until the smallest value is exact.
+        point = np.arange(candidates.shape[1])
         while len(point):
             bone = value[:, point].argmin(axis=0)
             open_ = ~exact[bone, point] & (value[bone, point] < NEAR)
             bone, point = bone[open_], point[open_]
-            value[bone, point] = np.maximum(value[bone, point], self._bound(bone, images[bone, point]))
+            value[bone, point] = np.maximum(value[bone, point], self._bound(bone, candidates[bone, point]))
             exact[bone, point] = True
-        nearest, n = value.argmin(axis=0), np.arange(images.shape[1])
-        return value[nearest, n], images[nearest, n]
+        nearest, n = value.argmin(axis=0), np.arange(candidates.shape[1])
+        return value[nearest, n], candidates[nearest, n]
 
     def _bound(self, bone: np.ndarray, place: np.ndarray) -> np.ndarray:
         """Least distances from places to the parts of bones that do not hold them.

@@ -26,7 +26,7 @@ def broyden(
     inverse_jacobian: Tensor,
     *,
     iterations: int,
-    image: Tensor | None = None,
+    x_start: Tensor | None = None,
     convergence: float = 1e-5,
     divergence: float = 1.0,
 ) -> BroydenRoots:
@@ -35,15 +35,15 @@ def broyden(
     Parameters
     ----------
     forward : function of (a, d) tensor and (a,) int tensor
-        Images (a, d) of points; the integers are the searches, of m, that the points belong to.
+        The map at points (a, d); the integers are the searches, of m, that the points belong to.
     x, start : (m, d) tensors
-        Where the images must lie, and where the searches start.
+        Where the map must send the roots, and where the searches start.
     inverse_jacobian : (m, d, d) tensor
-        Inverse of the derivative of the image by the point, at or about the start.
+        Inverse of the map's derivative at or about the start.
     iterations : int
         The most steps; each evaluates the map once at every point that is not done.
-    image : (m, d) tensor, optional
-        Images of the starts, where they are known.
+    x_start : (m, d) tensor, optional
+        The map at the starts, if computed already.
     convergence, divergence : float
         A residual below the first ends a search, one above the second gives it up.
 
@@ -66,23 +66,23 @@ def broyden(
     with torch.no_grad():
         active = torch.arange(len(x), device=x.device)
         evaluations = 0
-        if image is None:
-            image = forward(start, active)
+        if x_start is None:
+            x_start = forward(start, active)
             evaluations += len(start)
-        at, missed, inverse = start, image - x, inverse_jacobian
-        best, residual = start.clone(), _length(missed)
+        at, error, inverse = start, x_start - x, inverse_jacobian
+        best, residual = start.clone(), _length(error)
         going = residual >= convergence  # also drops what is not a number
         for _ in range(iterations):
-            active, at, missed, inverse = active[going], at[going], missed[going], inverse[going]
+            active, at, error, inverse = active[going], at[going], error[going], inverse[going]
             if not len(active):
                 break
-            step = -_times(inverse, missed)
+            step = -_times(inverse, error)
             at = at + step
-            change = -missed
-            missed = forward(at, active) - x[active]
-            change = change + missed
+            change = -error
+            error = forward(at, active) - x[active]
+            change = change + error
             evaluations += len(active)
-            length = _length(missed)
+            length = _length(error)
             better = length < residual[active]
             best[active[better]], residual[active[better]] = at[better], length[better]
             going = (length >= convergence) & (length < divergence)

@@ -16,8 +16,8 @@ from nilbs.methods.snarf.broyden import broyden
 from nilbs.methods.snarf.conditioned_network import ConditionedNetwork
 
 # Lengths are in units of the body's longest edge.
-CONVERGED = 1e-5  # a root's image misses by less
-DIVERGED = 1.0  # a search that misses by more is given up
+CONVERGED = 1e-5  # a root's residual is smaller
+DIVERGED = 1.0  # a search with a larger residual is given up
 SAME = 1e-3  # roots this near to each other are one
 WEIGHT_SHARPNESS = 20.0  # of the softmax of the weights
 BLEND = 5.0  # of the softmax over the roots while training
@@ -151,7 +151,7 @@ class SnarfField(Field):
         inverse = torch.linalg.inv(B)[pose, :, :d]
         start = affine(inverse, x[:, None])
         target, flat_pose = x.repeat_interleave(B.shape[1], dim=0), pose.repeat_interleave(B.shape[1])
-        image, jacobian = self.derivative(start.flatten(0, 1), B, flat_pose)
+        x_start, jacobian = self.derivative(start.flatten(0, 1), B, flat_pose)
         unit = torch.eye(d).to(x)
         columns = jacobian.unbind(-1)
         inverse_jacobian = torch.stack([cramer(columns, e.expand_as(target), dim=-1) for e in unit], dim=-1)
@@ -161,7 +161,7 @@ class SnarfField(Field):
             start.flatten(0, 1),
             inverse_jacobian,
             iterations=self.iterations,
-            image=image,
+            x_start=x_start,
             convergence=CONVERGED,
             divergence=DIVERGED,
         )
