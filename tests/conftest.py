@@ -29,7 +29,7 @@ def coarsen(patch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def coarse_volumes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Weights are solved in volumes of few elements, in a moment."""
+    """Weights are solved quickly, in volumes of few elements."""
     coarsen(monkeypatch)
 
 
@@ -65,7 +65,7 @@ def characters() -> "dict[int, Character]":
 
 @pytest.fixture(scope="session")
 def models(characters: "dict[int, Character]") -> "dict[int, Model]":
-    """By dimension: a model that was trained for a moment, enough to be unlike a blank one."""
+    """By dimension: a model after a few steps, enough to differ from an untrained one."""
     from nilbs.characters.motion import random_motion
     from nilbs.models.fitting import fit
 

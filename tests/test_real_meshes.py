@@ -1,4 +1,4 @@
-"""What must hold on meshes, rigs, weights and a motion that others made; NILBS_DATA names their folder."""
+"""Real meshes, rigs, weights and a motion; NILBS_DATA names their folder."""
 
 from pathlib import Path
 

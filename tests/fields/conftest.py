@@ -1,4 +1,4 @@
-"""A chain of two bones with a field around it, small enough that losses can be told by hand."""
+"""A chain of two bones and its field, small enough that losses can be computed by hand."""
 
 from typing import TYPE_CHECKING
 

@@ -19,7 +19,7 @@ def shares(sampler: AdaptiveSampler, rng: np.random.Generator, *, draws: int = 2
     return count / count.sum()
 
 
-def test_all_points_are_as_likely_before_the_first_look(rng: np.random.Generator) -> None:
+def test_all_points_are_equally_likely_before_the_first_refresh(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(shares(AdaptiveSampler(3, 4), rng), 1 / 12, rtol=0.05)
 
 
@@ -28,14 +28,14 @@ def test_half_of_the_draws_are_in_proportion_to_the_error(rng: np.random.Generat
     np.testing.assert_allclose(shares(refreshed(error), rng), 0.5 / 12 + 0.5 * error / 12, rtol=0.05)
 
 
-def test_the_last_look_is_the_one_that_counts(rng: np.random.Generator) -> None:
+def test_the_last_refresh_counts(rng: np.random.Generator) -> None:
     sampler = refreshed(np.array([[1.0, 0.0], [0.0, 0.0]]))
     last = np.array([[0.0, 0.0], [0.0, 1.0]])
     sampler.refresh(lambda frame, seen: torch.as_tensor(last[frame, seen]))
     np.testing.assert_allclose(shares(sampler, rng), 0.125 + 0.5 * last, rtol=0.05)
 
 
-def test_a_look_may_take_a_part_of_the_points(rng: np.random.Generator) -> None:
+def test_a_refresh_may_take_some_of_the_points(rng: np.random.Generator) -> None:
     error = np.array([[1.0, 50.0, 3.0, 50.0], [0.0, 50.0, 4.0, 50.0]])
     sampler = AdaptiveSampler(2, 4)
     sampler.refresh(lambda frame, seen: torch.as_tensor(error[frame, seen]), slice(0, None, 2))
@@ -46,13 +46,13 @@ def test_a_look_may_take_a_part_of_the_points(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(shares(sampler, rng), 1 / 8, rtol=0.05)
 
 
-def test_where_nothing_is_wrong_all_points_are_as_likely(rng: np.random.Generator) -> None:
+def test_all_points_are_equally_likely_if_none_is_wrong(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(shares(refreshed(np.zeros((3, 4))), rng), 1 / 12, rtol=0.05)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (1, 5), (5, 1), (3, 1000)])
 def test_every_index_exists_and_the_last_ones_are_reached(size: tuple[int, int], rng: np.random.Generator) -> None:
-    # Nearly all of the error sits at the end, where rounded sums could run over it.
+    # Nearly all of the error is in the last points; a rounded sum could exceed the last index.
     error = np.full(size, 1e-9)
     error[-1, -1] = 1.0
     frame, point = refreshed(error).draw(500, 20, rng)
@@ -65,7 +65,7 @@ def test_every_index_exists_and_the_last_ones_are_reached(size: tuple[int, int],
 
 
 class Ends:
-    """A generator that draws nothing but one end of each interval, the upper one excluded as numpy excludes it."""
+    """A generator that draws one end of each interval only; the upper end is excluded, as in numpy."""
 
     def __init__(self, *, upper: bool) -> None:
         self.upper = upper
@@ -90,13 +90,13 @@ def test_the_same_generator_draws_the_same(rng: np.random.Generator) -> None:
     assert not np.array_equal(first[1], other[1])
 
 
-def test_no_gradient_is_kept_of_a_look() -> None:
+def test_a_refresh_keeps_no_gradient() -> None:
     weight = torch.ones(4, requires_grad=True)
-    looked: list[torch.Tensor] = []
+    evaluated: list[torch.Tensor] = []
 
     def error(frame: int, seen: slice) -> torch.Tensor:
-        looked.append(weight * frame)
-        return looked[-1]
+        evaluated.append(weight * frame)
+        return evaluated[-1]
 
     AdaptiveSampler(2, 4).refresh(error)
-    assert [tensor.requires_grad for tensor in looked] == [False, False]
+    assert [tensor.requires_grad for tensor in evaluated] == [False, False]

@@ -40,7 +40,7 @@ def test_any_values_are_interpolated_multilinearly(d: int, rng: np.random.Genera
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_beyond_the_grid_the_way_back_to_it_is_added(d: int, rng: np.random.Generator) -> None:
+def test_beyond_the_grid_the_distance_to_it_is_added(d: int, rng: np.random.Generator) -> None:
     values = rng.normal(size=SHAPES[d])
     lower, upper = ORIGIN, ORIGIN + SPACING * (np.array(SHAPES[d]) - 1)
     x = rng.uniform(-3, 4, (300, d))
@@ -89,7 +89,7 @@ def test_occupancy_is_a_sigmoid_of_the_distance() -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_point_without_a_rest_image_has_no_distance_and_harms_no_other(d: int) -> None:
+def test_a_point_without_a_canonical_point_has_no_distance_and_changes_no_other(d: int) -> None:
     x = np.full((3, d), ORIGIN)
     x[1, -1], x[2, 0] = np.nan, np.inf
     distance = cache(np.full(SHAPES[d], 0.5)).distance(torch.as_tensor(x))

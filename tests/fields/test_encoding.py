@@ -49,7 +49,9 @@ def test_pose_parameters_come_back_from_the_pose(d: int, size: float, rng: np.ra
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("size", [np.pi, np.pi - 1e-7])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_half_a_turn_is_one_either_way(d: int, size: float, dtype: torch.dtype, rng: np.random.Generator) -> None:
+def test_a_half_turn_is_the_same_in_both_directions(
+    d: int, size: float, dtype: torch.dtype, rng: np.random.Generator
+) -> None:
     B = poses(d, angles(d, size, rng)).to(dtype)
     theta = local_angles(B, torch.as_tensor(P)).double().numpy()
     np.testing.assert_allclose(np.linalg.norm(theta, axis=-1), np.pi, atol=2e-3)

@@ -43,7 +43,7 @@ def test_the_derivative_carried_along_is_that_of_autograd(d: int, rng: np.random
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_search_goes_on_it_as_on_a_grid(d: int, rng: np.random.Generator) -> None:
+def test_a_search_works_on_it_as_on_a_grid(d: int, rng: np.random.Generator) -> None:
     net, B, x_rest = network(d), pose(d, rng), torch.as_tensor(0.5 * rng.normal(size=(50, d)))
     blends = net.blends(B)
     with torch.no_grad():

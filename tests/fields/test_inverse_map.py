@@ -47,7 +47,7 @@ def test_the_ghost_goes_with_the_root_and_the_blend_is_inverted(d: int, rng: np.
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("angle", [0.0, 1e-7, 1.0, np.pi - 1e-7])
-def test_one_rigid_motion_on_every_bone_is_returned(d: int, angle: float, rng: np.random.Generator) -> None:
+def test_one_rigid_motion_of_every_bone_is_inverted(d: int, angle: float, rng: np.random.Generator) -> None:
     V, W = rng.normal(size=(1, 300, d)), weights(1, 300, rng)
     B = np.repeat(poses(d, 1, rng, angle=angle)[:, :1], BONES, axis=1)
     np.testing.assert_allclose(mapped(transform_points(B[0, 0], V), W, B), V, atol=1e-10)
@@ -92,7 +92,7 @@ def test_derivatives_of_the_field_by_place_and_by_pose(d: int, rng: np.random.Ge
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_field_puts_weights_map_and_cache_together(d: int, rng: np.random.Generator) -> None:
+def test_the_field_joins_weights_map_and_cache(d: int, rng: np.random.Generator) -> None:
     nilbs, x, B = field(d), torch.as_tensor(rng.normal(size=(2, 20, d))), torch.as_tensor(poses(d, 2, rng))
     W = torch.softmax(nilbs.network(x, B), dim=-1)
     torch.testing.assert_close(nilbs.weights(x, B), W)
@@ -132,7 +132,7 @@ def test_the_logit_is_finite_and_has_a_gradient_where_occupancy_has_saturated(
     assert torch.isfinite(logit).all()
     assert torch.isfinite(logits.grad).all()
     assert torch.isfinite(far.grad).all()
-    # Inside is what lies inside the rest shape and does not belong to the ghost.
+    # A point is inside if it is inside the rest shape and does not belong to the ghost.
     assert (logit > 0).item() == (distance < 0 and ghost < 1)
     slope = logits.grad.abs().sum() + far.grad.abs().sum()
     assert slope > 1e-3
@@ -143,13 +143,13 @@ def test_the_reverse_map_blends_the_inverses(d: int, rng: np.random.Generator) -
     x, W, B = rng.normal(size=(2, 50, d)), weights(2, 50, rng), poses(d, 2, rng)
     found = reverse_map(torch.as_tensor(x), torch.as_tensor(W), torch.as_tensor(B), root=ROOT).numpy()
     for p in range(2):
-        images = [transform_points(np.linalg.inv(B[p, b]), x[p]) for b in [*range(BONES), ROOT]]
-        expected = sum(W[p, :, b, None] * image for b, image in enumerate(images))
+        unposed = [transform_points(np.linalg.inv(B[p, b]), x[p]) for b in [*range(BONES), ROOT]]
+        expected = sum(W[p, :, b, None] * point for b, point in enumerate(unposed))
         np.testing.assert_allclose(found[p], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_both_maps_agree_where_one_bone_has_all_the_weight_and_part_where_two_share_it(d: int) -> None:
+def test_both_maps_agree_where_one_bone_has_all_weight_and_differ_where_two_share_it(d: int) -> None:
     theta = np.zeros((BONES, 3 if d == 3 else 1))
     theta[0, -1], theta[1, -1] = 0.8, -0.8
     B = rigid_transforms(rotation_matrices(theta), np.zeros((BONES, d)))[None]

@@ -19,7 +19,9 @@ def test_updates_are_nearly_orthogonal(shape: tuple[int, int], rng: np.random.Ge
 
 
 @pytest.mark.parametrize("shape", [(5, 5), (3, 8), (8, 3)])
-def test_a_stack_moves_as_its_matrices_do_by_torch_s_own(shape: tuple[int, int], rng: np.random.Generator) -> None:
+def test_a_stack_of_matrices_moves_as_by_torch_s_own_optimizer(
+    shape: tuple[int, int], rng: np.random.Generator
+) -> None:
     start, targets = (torch.as_tensor(rng.normal(size=(3, *shape)), dtype=torch.float32) for _ in range(2))
     stack = torch.nn.Parameter(start.clone())
     single = [torch.nn.Parameter(matrix.clone()) for matrix in start]
@@ -36,7 +38,7 @@ def test_a_stack_moves_as_its_matrices_do_by_torch_s_own(shape: tuple[int, int],
     assert (stack.detach() - start).norm() > 1
 
 
-def test_no_gradient_no_change_and_no_direction_no_nan() -> None:
+def test_a_gradient_of_none_or_zero_changes_nothing() -> None:
     still, flat = torch.nn.Parameter(torch.ones(2, 2)), torch.nn.Parameter(torch.ones(2, 2))
     flat.grad = torch.zeros(2, 2)
     Muon([still, flat], lr=0.1).step()

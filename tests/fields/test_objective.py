@@ -38,11 +38,11 @@ def learn(field: Scale) -> None:
         field.scale += 0.5
 
 
-def test_a_step_depends_on_its_number_and_the_last_look() -> None:
+def test_a_step_depends_on_its_number_and_the_last_refresh() -> None:
     _, loss = objective()
     first = [loss(step).item() for step in range(REFRESH)]
     assert len(set(first)) == REFRESH
-    # Whatever came before in the same stretch between two looks, and in an earlier run.
+    # It does not depend on earlier steps since the last refresh, nor on an earlier run.
     _, again = objective()
     again(REFRESH)
     assert again(0).item() == first[0]
@@ -50,18 +50,18 @@ def test_a_step_depends_on_its_number_and_the_last_look() -> None:
     assert objective(seed=12)[1](0).item() != first[0]
 
 
-def test_the_loss_goes_on_at_a_look_as_if_it_had_never_stopped() -> None:
+def test_a_loss_that_continues_at_a_refresh_is_unchanged() -> None:
     (field, loss), (other, fresh) = objective(), objective()
     loss(0)
     learn(field)
     learn(other)
     stretch = range(REFRESH, 2 * REFRESH)
     assert [loss(step).item() for step in stretch] == [fresh(step).item() for step in stretch]
-    # Between two looks it cannot: a new objective has not seen what the old one saw.
+    # Between two refreshes it cannot: a new objective has no errors yet.
     assert objective()[1](REFRESH + 1).item() != fresh(REFRESH + 1).item()
 
 
-def test_points_are_looked_at_every_so_many_steps() -> None:
+def test_errors_are_refreshed_every_so_many_steps() -> None:
     field, loss = objective()
     for step in range(REFRESH):
         loss(step)

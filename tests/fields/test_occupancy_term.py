@@ -6,7 +6,7 @@ import torch
 
 from nilbs.fields import occupancy_term
 from nilbs.fields.inverse_map import InverseField
-from nilbs.fields.occupancy_term import LOOKS, OccupancyTerm
+from nilbs.fields.occupancy_term import STRIDE, OccupancyTerm
 from nilbs.fields.samples import OccupancySamples
 
 
@@ -31,30 +31,30 @@ def occupancy(nilbs: InverseField, loss: OccupancyTerm) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_points_are_drawn_by_the_squared_error_of_their_occupancy_at_the_last_look(d: int, term) -> None:
+def test_points_are_drawn_by_the_squared_error_of_their_occupancy_at_the_last_refresh(d: int, term) -> None:
     nilbs, loss = term(d)
     with torch.no_grad():
         error = ((occupancy(nilbs, loss) - loss.inside) ** 2).numpy()
     assert error.max() > 2 * error.mean()
     np.testing.assert_array_equal(loss.sampler.mass, 1)
     for turn in range(1, 7):
-        loss.look(turn)
-        seen = np.arange(error.shape[1]) % LOOKS == turn % LOOKS
+        loss.refresh(turn)
+        seen = np.arange(error.shape[1]) % STRIDE == turn % STRIDE
         np.testing.assert_allclose(loss.sampler.mass, 0.5 + 0.5 * seen * error * error.size / error[:, seen].sum())
-    loss.look(0)
+    loss.refresh(0)
     np.testing.assert_array_equal(loss.sampler.mass, 1)
 
 
 @pytest.mark.parametrize("changes", [{"adaptive": False}, {"factor": 0.0}])
-def test_where_points_are_not_drawn_by_error_nobody_looks(changes: dict, term) -> None:
+def test_errors_are_not_evaluated_if_points_are_not_drawn_by_error(changes: dict, term) -> None:
     _, loss = term(2, **changes)
-    loss.look(1)
+    loss.refresh(1)
     np.testing.assert_array_equal(loss.sampler.mass, 1)
 
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("factor", [1.0, 0.3])
-def test_the_losses_where_there_is_nothing_to_choose(d: int, factor: float, term, rng: np.random.Generator) -> None:
+def test_the_losses_of_a_single_point(d: int, factor: float, term, rng: np.random.Generator) -> None:
     # One frame and one labelled point: every draw is the same.
     nilbs, loss = term(d, frames=1, points=1, factor=factor)
     inside = occupancy(nilbs, loss)
@@ -72,12 +72,12 @@ def test_the_field_learns_from_it(term, rng: np.random.Generator) -> None:
     assert sum(parameter.grad.abs().sum() for parameter in nilbs.parameters()) > 0
 
 
-def test_a_look_in_chunks_sees_the_same(term, monkeypatch) -> None:
+def test_a_refresh_in_chunks_has_the_same_errors(term, monkeypatch) -> None:
     nilbs, loss = term(2, points=80)
-    loss.look(1)
-    whole, asked, logit = loss.sampler.mass.copy(), [], nilbs.logit
-    monkeypatch.setattr(occupancy_term, "LOOK", 7)
-    loss.logit = lambda x, B: (asked.append(x.shape[1]), logit(x, B))[1]
-    loss.look(1)
+    loss.refresh(1)
+    whole, sizes, logit = loss.sampler.mass.copy(), [], nilbs.logit
+    monkeypatch.setattr(occupancy_term, "CHUNK", 7)
+    loss.logit = lambda x, B: (sizes.append(x.shape[1]), logit(x, B))[1]
+    loss.refresh(1)
     np.testing.assert_allclose(loss.sampler.mass, whole)
-    assert asked == [7, 7, 6] * 3
+    assert sizes == [7, 7, 6] * 3

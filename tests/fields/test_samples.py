@@ -56,7 +56,7 @@ def test_the_same_generator_gives_the_same_samples() -> None:
     np.testing.assert_array_equal(draws[0].x, draws[1].x)
 
 
-def test_the_paper_knows_the_weights_at_the_vertices() -> None:
+def test_the_paper_has_weights_at_the_vertices_only() -> None:
     V, _ = ball(3)
     samples = surface_samples(V, affine(V))
     np.testing.assert_array_equal(samples.x_rest, V.astype(np.float32))
@@ -82,7 +82,7 @@ def test_weights_inside_are_those_of_the_volume_mesh(d: int, rng: np.random.Gene
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_shell_lies_along_normals_and_keeps_the_weights_of_its_foot(d: int, rng: np.random.Generator) -> None:
     V, F, V_volume, T = solid(d)
-    # The volume mesh is one around the surface, and knows other weights.
+    # The volume mesh is a wrap of the surface and has other weights.
     around = 2 * V_volume
     samples = volume_samples(V, F, affine(V), around, T, 1 - affine(around), n=8000, shell=0.01, rng=rng)
     x, shell = samples.x_rest[:4000].astype(np.float64), samples.x_rest[4000:].astype(np.float64)

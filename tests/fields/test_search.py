@@ -1,4 +1,4 @@
-"""Root search on bodies whose every rest image is known: a rod that is bent until it lies on itself."""
+"""Root search where all canonical points are known: in a rod that is bent until it lies on itself."""
 
 from functools import partial
 
@@ -18,7 +18,10 @@ from nilbs.fields.search import ITERATIONS, SEARCHES, Found, Search, SearchField
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
 
-HALF, RADIUS = 0.5, 0.08  # of a rod along the first axis, with a bone on either side of the origin
+HALF, RADIUS = (
+    0.5,
+    0.08,
+)  # half length and radius of a rod along the first axis, with a bone on either side of the origin
 BLEND = 0.1  # length over which one bone's weights give way to the other's
 
 
@@ -81,7 +84,7 @@ def test_posed_points_of_the_rod_are_found_inside(d: int, angle: float, rng: np.
     x_rest = points(d, 2000, rng)
     x_rest = x_rest[np.abs(distance(x_rest)) > 0.003]
     inside = distance(x_rest) < 0
-    # Close to the inner side of the bend the rod folds over itself: there one place has several images.
+    # At the inner side of the bend the rod folds over itself: a point there has several canonical points.
     far = np.abs(x_rest[:, 0]) > 0.12
     x = torch.as_tensor(posed(x_rest, B))
     with torch.no_grad():
@@ -93,20 +96,20 @@ def test_posed_points_of_the_rod_are_found_inside(d: int, angle: float, rng: np.
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_of_a_body_on_itself_one_image_inside_is_enough(d: int, rng: np.random.Generator) -> None:
+def test_a_point_is_inside_if_one_of_its_canonical_points_is(d: int, rng: np.random.Generator) -> None:
     field, B = rod(d), bent(d, np.pi - 0.25)
     # Both halves lie side by side and overlap near the bend: all of either is inside.
     x_rest = points(d, 4000, rng)
     x_rest = x_rest[(distance(x_rest) < -0.003) & (np.abs(x_rest[:, 0]) > 0.12)]
     with torch.no_grad():
-        ask = field.posed(B)
-        answer = ask(torch.as_tensor(posed(x_rest, B)))
+        in_pose = field.posed(B)
+        answer = in_pose(torch.as_tensor(posed(x_rest, B)))
     assert (answer.level < 0).all()
-    assert ask.queries == len(x_rest)
-    assert ask.evaluations < 20 * len(x_rest)
-    # What is called an image is one.
+    assert in_pose.queries == len(x_rest)
+    assert in_pose.evaluations < 20 * len(x_rest)
+    # The forward map sends the canonical points back to the query.
     with torch.no_grad():
-        again = field.forward_field.pose(answer.x_rest, ask.blends).x.numpy()
+        again = field.forward_field.pose(answer.x_rest, in_pose.blends).x.numpy()
     np.testing.assert_allclose(again, posed(x_rest, B), atol=1e-3)
 
 
@@ -136,41 +139,41 @@ def test_derivatives_by_the_point_and_by_the_pose(d: int, rng: np.random.Generat
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_parts_that_lie_at_a_place_are_told_once_each(d: int, rng: np.random.Generator) -> None:
+def test_each_part_at_a_place_is_found_once(d: int, rng: np.random.Generator) -> None:
     field, B = rod(d), bent(d, np.pi)  # flat on itself
-    ask = field.posed(B)
+    in_pose = field.posed(B)
     near = posed(points(d, 300, rng)[:, :] * ([0.5] + [0.5] * (d - 1)), B)
-    parts = ask.overlap(torch.as_tensor(near))
+    parts = in_pose.overlap(torch.as_tensor(near))
     found = ~parts.isnan().any(dim=-1)
     assert found[:, 0].all()
-    # Every part's own place is posed about where it was asked for, and parts lie apart.
-    x = field.forward_field.pose(parts[found], ask.blends).x
-    asked = torch.as_tensor(near)[:, None].expand(-1, parts.shape[1], -1)[found]
-    assert (x - asked).norm(dim=-1).max() < np.sqrt(d) * ask.overlap.edge + 1e-9
+    # Every place found is posed to about the query, and parts lie apart.
+    x = field.forward_field.pose(parts[found], in_pose.blends).x
+    query = torch.as_tensor(near)[:, None].expand(-1, parts.shape[1], -1)[found]
+    assert (x - query).norm(dim=-1).max() < np.sqrt(d) * in_pose.overlap.edge + 1e-9
     both = found[:, 1]
     assert both.double().mean() > 0.9
     assert ((parts[both, 0] - parts[both, 1]).norm(dim=-1) > APART * field.forward_field.spacing).all()
-    assert ask.overlap(torch.full((3, d), 9.0, dtype=torch.float64)).isnan().all()
+    assert in_pose.overlap(torch.full((3, d), 9.0, dtype=torch.float64)).isnan().all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_first_part_told_is_the_deepest_of_its_cell(d: int, rng: np.random.Generator) -> None:
+def test_the_first_part_found_is_the_deepest_of_its_cell(d: int, rng: np.random.Generator) -> None:
     field, B = rod(d), bent(d, 0.0)
-    told = field.posed(B)
+    overlap = field.posed(B).overlap
     x = torch.as_tensor(points(d, 20, rng))
     nodes = field.forward_field.nodes()[field.body]
 
     def cell(place: torch.Tensor) -> torch.Tensor:
-        return ((place - told.overlap.origin) / told.overlap.edge).floor()
+        return ((place - overlap.origin) / overlap.edge).floor()
 
-    for place, first in zip(x, told.overlap(x)[:, 0], strict=True):
+    for place, first in zip(x, overlap(x)[:, 0], strict=True):
         around = nodes[(cell(nodes) == cell(place)).all(dim=-1)]
         assert field.inverse.cache.distance(first[None]) == field.inverse.cache.distance(around).min()
 
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_part_that_is_squeezed_into_a_cell_leaves_room_for_others(d: int) -> None:
-    # A rod whose deepest piece is squeezed a hundredfold, and of which another begins at the same place.
+    # The deepest piece of a rod is squeezed a hundredfold, and another piece begins at the same place.
     spacing = 0.01
     along = spacing * torch.arange(16, dtype=torch.float64)
     x_rest = torch.zeros((32, d), dtype=torch.float64)
@@ -178,15 +181,15 @@ def test_a_part_that_is_squeezed_into_a_cell_leaves_room_for_others(d: int) -> N
     squeezed, kept = torch.eye(d, d + 1, dtype=torch.float64), torch.eye(d, d + 1, dtype=torch.float64)
     squeezed[0, 0], kept[0, d] = 0.01, -1
     blends = torch.cat([squeezed.expand(16, -1, -1), kept.expand(16, -1, -1)]).reshape(32, -1)
-    told = Overlap(x_rest, blends, spacing)(torch.full((1, d), 1e-6, dtype=torch.float64))[0, :, 0]
-    assert told[0] == 0
-    assert (told >= 1).any()
-    told = told[~told.isnan()]
-    assert ((told[:, None] - told).abs() + torch.eye(len(told))).min() > NEAR * spacing
+    found = Overlap(x_rest, blends, spacing)(torch.full((1, d), 1e-6, dtype=torch.float64))[0, :, 0]
+    assert found[0] == 0
+    assert (found >= 1).any()
+    found = found[~found.isnan()]
+    assert ((found[:, None] - found).abs() + torch.eye(len(found))).min() > NEAR * spacing
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_of_a_body_thinner_than_a_cell_no_part_is_told(d: int) -> None:
+def test_a_body_thinner_than_a_cell_has_no_parts(d: int) -> None:
     empty = torch.zeros((0, d), dtype=torch.float64)
     overlap = Overlap(empty, torch.zeros((0, d * (d + 1)), dtype=torch.float64), 0.1)
     assert overlap(torch.zeros((2, d), dtype=torch.float64)).isnan().all()
@@ -196,7 +199,7 @@ FOLDED = 0.06
 
 
 def fold(d: int, way: float, turn: float = 0.0) -> tuple[SearchField, torch.Tensor]:
-    """A rod that goes back over itself, and a pose: along it x goes to x + way w(x), w a tent about 0, all turned."""
+    """A rod folded over itself, and its pose: x goes to x + way w(x) along it, w a tent about 0; then all is turned."""
     field = rod(d)
     grid, x = field.forward_field, field.forward_field.nodes().numpy()
     second = np.clip(1 - np.abs(x[:, 0]) / FOLDED, 0, 1)
@@ -209,7 +212,7 @@ def fold(d: int, way: float, turn: float = 0.0) -> tuple[SearchField, torch.Tens
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_search_tells_where_space_is_inside_out(d: int) -> None:
+def test_a_search_marks_roots_where_the_map_is_inside_out(d: int) -> None:
     field, B = fold(d, 0.1)
     x_rest = torch.zeros((4, d), dtype=torch.float64)
     x_rest[:, 0] = torch.tensor([-0.2, -0.03, 0.03, 0.2])  # only beyond the tent's top is its slope below -1
@@ -223,35 +226,38 @@ def test_a_search_tells_where_space_is_inside_out(d: int) -> None:
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize(("way", "turn"), [(0.1, 0.0), (0.1, 1.0), (0.3, 2.0)])
 @pytest.mark.parametrize("inside", [-1, 1])
-def test_beside_a_root_in_a_fold_the_others_are_found(
+def test_the_other_roots_beside_one_in_a_fold_are_found(
     d: int, way: float, turn: float, inside: int, monkeypatch
 ) -> None:
     field, B = fold(d, way, turn)
-    ask = field.posed(B)
+    in_pose = field.posed(B)
     x_rest = torch.zeros((9, d), dtype=torch.float64)
     x_rest[:, 0] = torch.linspace(0.01, 0.055, 9)  # in the fold: the search begins at the inverted root and stays there
-    x = field.skinning.pose(x_rest, ask.blends).x
-    monkeypatch.setattr(ask, "_first", lambda x: x_rest)
-    # No part is told, and the root on one side alone, of the three, counts as inside.
-    monkeypatch.setattr(ask, "overlap", lambda x: torch.full((len(x), 1, d), torch.nan, dtype=x.dtype))
+    x = field.skinning.pose(x_rest, in_pose.blends).x
+    monkeypatch.setattr(in_pose, "_first", lambda x: x_rest)
+    # There are no parts; of the three roots only the one on one side is inside.
+    monkeypatch.setattr(in_pose, "overlap", lambda x: torch.full((len(x), 1, d), torch.nan, dtype=x.dtype))
     side = {-1: lambda along: along < 0, 1: lambda along: along > FOLDED}[inside]
     monkeypatch.setattr(
         field.inverse.cache, "distance", lambda x: torch.where(side(x[..., 0]), -0.01, 0.01).to(x.dtype)
     )
     with torch.no_grad():
-        answer = ask(x)
+        answer = in_pose(x)
     assert (answer.distance < 0).all()
-    torch.testing.assert_close(field.skinning.pose(answer.x_rest, ask.blends).x, x, atol=1e-6, rtol=0)
-    monkeypatch.setattr(ask, "_beside", lambda root: [root])
+    torch.testing.assert_close(field.skinning.pose(answer.x_rest, in_pose.blends).x, x, atol=1e-6, rtol=0)
+    monkeypatch.setattr(in_pose, "_beside", lambda root: [root])
     with torch.no_grad():
-        assert (ask(x).distance > 0).all()
+        assert (in_pose(x).distance > 0).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_where_the_blend_collapses_there_are_places_beside_a_root(d: int) -> None:
+def test_places_beside_a_root_are_finite_where_the_blend_collapses(d: int) -> None:
     # Halfway between a bone and the same bone turned by a half turn the blend has no inverse.
-    for ask in (rod(d).posed(bent(d, np.pi)), rod(d).posed(torch.cat([torch.eye(d + 1)[None], HALF_TURN[d][None]]))):
-        for beside in ask._beside(torch.zeros((2, d), dtype=torch.float64)):
+    for in_pose in (
+        rod(d).posed(bent(d, np.pi)),
+        rod(d).posed(torch.cat([torch.eye(d + 1)[None], HALF_TURN[d][None]])),
+    ):
+        for beside in in_pose._beside(torch.zeros((2, d), dtype=torch.float64)):
             assert torch.isfinite(beside).all()
 
 
@@ -267,19 +273,21 @@ def test_one_search_alone_misses_what_all_bones_find(d: int, rng: np.random.Gene
     x_rest = points(d, 2000, rng)
     x_rest = x_rest[(distance(x_rest) < -0.003) & (np.abs(x_rest[:, 0]) > 0.12)]
     x = torch.as_tensor(posed(x_rest, B))
-    found, asked = {}, {}
+    found, look_ups = {}, {}
     with torch.no_grad():
         for mapping in ("search", "parts", "one-search", "all-bones"):
-            ask = field.posed(B, mapping)
-            found[mapping] = (ask(x).level < 0).double().mean()
-            asked[mapping] = ask.evaluations / ask.queries
+            in_pose = field.posed(B, mapping)
+            found[mapping] = (in_pose(x).level < 0).double().mean()
+            look_ups[mapping] = in_pose.evaluations / in_pose.queries
     assert found["search"] == found["parts"] == found["all-bones"] == 1
     assert found["one-search"] < 0.99
-    assert asked["one-search"] < asked["search"]
+    assert look_ups["one-search"] < look_ups["search"]
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_search_from_all_bones_begins_at_every_rigid_image(d: int, rng: np.random.Generator, monkeypatch) -> None:
+def test_a_search_from_all_bones_begins_at_every_bone_s_rigid_point(
+    d: int, rng: np.random.Generator, monkeypatch
+) -> None:
     field, B = rod(d), bent(d, np.pi - 0.25)
     x = torch.as_tensor(points(d, 100, rng))
     starts = []
@@ -297,17 +305,17 @@ def test_a_search_from_all_bones_begins_at_every_rigid_image(d: int, rng: np.ran
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_the_fixed_point_is_a_rest_image_where_it_contracts(d: int, rng: np.random.Generator) -> None:
+def test_the_fixed_point_is_a_canonical_point_where_it_contracts(d: int, rng: np.random.Generator) -> None:
     field, B = rod(d), bent(d, 0.3)
     x_rest = points(d, 500, rng)
     x = torch.as_tensor(posed(x_rest, B))
     start = torch.as_tensor(x_rest + 0.02 * rng.normal(size=x_rest.shape))
     blends = field.skinning.blends(B)
-    missed = [
+    residuals = [
         fixed_point(x, start, field.skinning, blends, iterations=n).residual.quantile(0.9).item() for n in (0, 2, 8, 30)
     ]
-    assert missed[0] > missed[1] > missed[2] > missed[3]
-    assert missed[3] < 1e-9
+    assert residuals[0] > residuals[1] > residuals[2] > residuals[3]
+    assert residuals[3] < 1e-9
     found = fixed_point(x, start, field.skinning, blends, iterations=30)
     assert found.evaluations == 31 * len(x)
     near = found.residual.numpy() < 1e-9
@@ -319,27 +327,27 @@ def test_the_fixed_point_is_a_rest_image_where_it_contracts(d: int, rng: np.rand
 @pytest.mark.parametrize("d", [2, 3])
 def test_the_answers_of_the_fixed_point_count_their_look_ups(d: int, rng: np.random.Generator) -> None:
     field, B = rod(d), bent(d, 0.1)
-    ask = field.posed(B, "fixed-point")
+    in_pose = field.posed(B, "fixed-point")
     with torch.no_grad():
-        answer = ask(torch.as_tensor(posed(points(d, 300, rng), B)))
-    assert ask.evaluations == 22 * 300  # the network once, 20 steps, and where they end
+        answer = in_pose(torch.as_tensor(posed(points(d, 300, rng), B)))
+    assert in_pose.evaluations == 22 * 300  # one by the network, 20 steps, one at the end
     assert answer.level.shape == (300,)
     assert (answer.distance < 0).eq(answer.level < 0).all()
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_without_a_root_a_point_is_outside_as_far_as_the_nearest_image_misses(d: int, monkeypatch) -> None:
+def test_without_a_root_a_point_is_outside_by_the_smallest_residual(d: int, monkeypatch) -> None:
     field, B = rod(d), bent(d, 0.0)
-    ask = field.posed(B)
-    inner = torch.zeros((5, d), dtype=torch.float64)  # whatever the network says, the body is there
+    in_pose = field.posed(B)
+    inner = torch.zeros((5, d), dtype=torch.float64)  # inside the body, whatever the network's weights are
 
     def nowhere(x: torch.Tensor, start: torch.Tensor) -> Found:
         inverted = torch.zeros(len(x), dtype=torch.bool)
         return Found(start.clone(), torch.full_like(x[:, 0], torch.inf), torch.full_like(x[:, 0], 0.3), inverted)
 
-    monkeypatch.setattr(ask, "_search", nowhere)
-    monkeypatch.setattr(ask, "_first", lambda x: x)
+    monkeypatch.setattr(in_pose, "_search", nowhere)
+    monkeypatch.setattr(in_pose, "_first", lambda x: x)
     with torch.no_grad():
-        answer = ask(inner)
+        answer = in_pose(inner)
     torch.testing.assert_close(answer.distance, torch.full_like(answer.distance, 0.3))
     assert (answer.level > 0).all()

@@ -80,7 +80,7 @@ def test_vectors_follow_plain_adam_and_matrices_take_orthogonal_steps() -> None:
     assert_same(other, net)
 
 
-def test_going_on_from_any_saved_state_ends_bit_for_bit_at_the_same() -> None:
+def test_a_training_continued_from_any_saved_state_ends_bit_for_bit_the_same() -> None:
     states: list[TrainingState] = []
     net, history = trained(save=states.append, save_seconds=-1.0)
     assert [state.step for state in states] == list(range(1, STEPS + 1))
@@ -100,7 +100,7 @@ def test_a_state_does_not_change_after_it_was_saved() -> None:
 
 
 @pytest.mark.parametrize("stop_at", [1, 25])
-def test_an_interrupt_saves_and_is_passed_on(stop_at: int, monkeypatch) -> None:
+def test_an_interrupt_saves_and_is_raised_again(stop_at: int, monkeypatch) -> None:
     seconds = itertools.count(step=1.5)
     monkeypatch.setattr("nilbs.fields.training.monotonic", lambda: next(seconds))
     net, history = trained()
@@ -131,7 +131,7 @@ def test_an_interrupt_before_the_first_step_saves_nothing() -> None:
 
 
 def remembering(net: nn.Module, *, every: int, stop_at: int | None = None):
-    """A loss that keeps what it saw of the network at the last multiple of a step, and can be interrupted once."""
+    """A loss that keeps the network's output at the last multiple of a step; it can be interrupted once."""
     loss, seen = loss_of(net, stop_at=stop_at), [torch.full((), torch.nan)]
 
     def remembered(step: int) -> torch.Tensor:
@@ -142,7 +142,7 @@ def remembering(net: nn.Module, *, every: int, stop_at: int | None = None):
     return remembered
 
 
-def test_states_that_a_training_may_be_continued_from_are_some_steps_apart() -> None:
+def test_states_to_continue_from_are_some_steps_apart() -> None:
     states: list[TrainingState] = []
     net = module()
     history = train(
@@ -184,7 +184,7 @@ def test_a_loss_that_is_not_finite_stops_with_the_step() -> None:
         assert torch.equal(a, b)
 
 
-def test_parameters_that_are_not_finite_in_the_end_are_no_result() -> None:
+def test_parameters_that_are_not_finite_at_the_end_are_refused() -> None:
     net = module()
     with pytest.raises(
         FloatingPointError, match=r"^parameters are not finite after 1 steps; try a lower learning rate$"
@@ -205,7 +205,7 @@ def test_a_state_of_another_network_is_refused(damage: str) -> None:
         trained(state=TrainingState(4, tensors, states[3].history))
 
 
-def test_progress_leaves_standard_output_alone(capsys: pytest.CaptureFixture[str]) -> None:
+def test_progress_does_not_go_to_standard_output(capsys: pytest.CaptureFixture[str]) -> None:
     trained(progress=True)
     assert capsys.readouterr().out == ""
 

@@ -60,7 +60,7 @@ def test_rest_points_are_posed_by_skinning(d: int, term, chain) -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_poses_come_from_the_motion_and_from_chance(d: int, term, chain) -> None:
+def test_poses_come_from_the_motion_and_from_the_generator(d: int, term, chain) -> None:
     frames = chain.motion(d, 3)
     known = lambda B: (B[:, None] == frames[None]).flatten(2).all(dim=-1).any(dim=-1)  # noqa: E731
     assert known(term(d, random=False).draw_poses(generator())).tolist() == [True] * 4

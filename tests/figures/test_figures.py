@@ -1,4 +1,4 @@
-"""Every figure, drawn from models whose right picture is known: a perfect one and wrong ones."""
+"""Every figure, drawn from models with a known picture: a perfect one and wrong ones."""
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def test_all_figures_are_written_in_order(d, tmp_path):
         assert image[..., :3].std() > 0.05
 
 
-def test_what_a_method_has_not_is_not_drawn(tmp_path):
+def test_figures_without_data_are_not_drawn(tmp_path):
     baseline = Truth(2)
     baseline.method, baseline.history = Nearest(), np.zeros(0)
     paths = write_figures(baseline, tmp_path, resolution=16)
@@ -94,7 +94,7 @@ def test_what_a_method_has_not_is_not_drawn(tmp_path):
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_ghost_figure_colours_what_is_wrong_and_nothing_else(d, tmp_path):
+def test_ghost_figure_colours_only_what_is_wrong(d, tmp_path):
     perfect = ghost_figure(Truth(d), tmp_path / "perfect.png")
     wrong = ghost_figure(Inverted(d), tmp_path / "wrong.png")
     keys = 0.002  # the legend's own patches
@@ -123,7 +123,7 @@ def test_empty_reconstruction_is_drawn_as_empty(d, tmp_path):
     assert imread(path)[..., :3].std() > 0.05  # the true surface is still there
 
 
-def test_surfaces_at_hand_are_not_extracted_again(tmp_path):
+def test_given_surfaces_are_not_extracted_again(tmp_path):
     class Unwilling(Truth):
         def extract(self, pose, resolution=128):
             raise AssertionError("extracted again")

@@ -41,7 +41,7 @@ def test_window_is_a_square_around_all_points(d, rng):
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_points_fill_the_extent_and_images_start_at_the_bottom_left(d, rng):
+def test_points_fill_the_extent_and_rows_start_at_the_bottom_left(d, rng):
     V = rng.normal(size=(50, d))
     view = View.front(V)
     section = Section.through(view, V, pixels=11)

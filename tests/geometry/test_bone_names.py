@@ -121,13 +121,13 @@ def test_chains_of_other_lengths_are_matched_by_place() -> None:
     source = chain("Neck1", "Neck2", lengths=[3, 1])
     target = chain("neck01", "neck02", "neck03", "neck04")
     assert [matched(source, target)[name] for name in target.names] == ["Neck1", "Neck1", "Neck1", "Neck2"]
-    # The longer chain leads: the bone in whose stretch the middle lies.
+    # Bones of the shorter chain take the bone of the longer one at their middle.
     assert matched(target, chain("Neck")) == {"Neck": "neck03"}
     flat = Skeleton(np.zeros((1, 2)), np.zeros((3, 2)), [-1, 0, 1], ("neck1", "neck2", "neck3"))
     assert matched(chain("Neck1"), flat) == dict.fromkeys(flat.names, "Neck1")
 
 
-def test_of_bones_whose_names_differ_in_marks_the_plainest_matches() -> None:
+def test_among_names_that_differ_in_marks_the_plainest_matches() -> None:
     assert matched(chain("__Hand_L", "Hand_L"), chain("hand.L")) == {"hand.L": "Hand_L"}
     assert matched(chain("Hand_L", "__Hand_L"), chain("hand.L")) == {"hand.L": "Hand_L"}
 

@@ -16,7 +16,7 @@ def several(*parts):
 
 
 def divided():
-    """The cube with an edge of one of its sides cut in half, and not that of the neighbour."""
+    """The cube with an edge cut in half on one side, not on the neighbouring side."""
     a, b, c = CUBE_F[0]
     return np.concatenate([CUBE, CUBE[[a, b]].mean(axis=0)[None]]), np.concatenate([CUBE_F[1:], [[a, 8, c], [8, b, c]]])
 
@@ -33,7 +33,7 @@ INWARD = CUBE_F[:, ::-1]
         (np.concatenate([CUBE, CUBE[:3]]), CUBE_F),
         several((1, 0, CUBE_F), (1, 3, CUBE_F)),
         several((4, 0, CUBE_F), (1, 1, INWARD)),  # a cavity
-        several((4, 0, CUBE_F), (1, 1, CUBE_F)),  # a body inside another: the place is covered twice, and inside
+        several((4, 0, CUBE_F), (1, 1, CUBE_F)),  # a body inside another: winding number 2, inside
         several((9, 0, CUBE_F), (4, 1, INWARD), (1, 2, CUBE_F)),
     ],
 )
@@ -76,7 +76,7 @@ def test_what_is_wrong_where_bodies_cross():
     assert solid_defects(V, F) == [f"{len(report.intersections)} self-intersections"]
 
 
-def test_a_search_that_was_given_up(monkeypatch):
+def test_a_search_that_is_given_up(monkeypatch):
     monkeypatch.setattr("nilbs.geometry.intersections._ENOUGH", 1)
     V, F = several((1, 0, CUBE_F), (1, 0.5, CUBE_F))
     assert solid_defects(V, F)[0].startswith("more than ")
@@ -95,7 +95,7 @@ def test_two_cones_that_touch_in_their_tips():
     assert "1 vertex where parts only touch" in solid_defects(V, F)
 
 
-def test_an_open_surface_is_no_pinched_one():
+def test_an_open_surface_is_not_pinched():
     assert surface_report(CUBE, CUBE_F[1:]).pinched.tolist() == []
     fans = np.array([[0, 1, 2], [0, 2, 3], [0, 4, 5]])
     assert surface_report(np.random.default_rng(0).normal(size=(6, 3)), fans).pinched.tolist() == [0]
@@ -106,7 +106,7 @@ def test_the_numbers_of_a_report():
     F = np.concatenate([CUBE_F[2:], [CUBE_F[5], [8, 9, 10], [9, 10, 11]]])
     r = surface_report(V, F)
     assert (r.d, r.size, r.components, r.watertight) == (3, 9, 1, False)
-    # The rim of two missing triangles, of whose edges the repeated one covers one, meets that of two more in a corner.
+    # Two holes of two triangles each meet in a corner; a repeated triangle covers one edge of the first hole.
     assert (r.holes, r.open_ridges, r.crowded_ridges) == (1, 3 + 4, 2)
     assert r.duplicate.tolist() == [10]
     assert r.degenerate.tolist() == [12]
@@ -117,7 +117,7 @@ def test_the_numbers_of_a_report():
 
 
 def test_a_seam_is_no_hole():
-    """A cube whose sides share no vertex is the cube; one whose corner is torn away is not."""
+    """A cube whose sides share no vertex is closed; one whose corner is moved away is not."""
     corners = np.array(SIDES)
     V = CUBE[corners].reshape(-1, 3)
     F = np.concatenate([[[4 * i, 4 * i + 1, 4 * i + 2], [4 * i, 4 * i + 2, 4 * i + 3]] for i in range(6)])
@@ -133,7 +133,7 @@ def test_a_seam_is_no_hole():
     assert len(surface_report(V, F).seam) == 23
 
 
-def test_a_facet_that_joining_collapses_joins_nothing():
+def test_a_facet_that_welding_collapses_joins_nothing():
     V = np.concatenate([CUBE, CUBE[:1]])
     report = surface_report(V, np.concatenate([CUBE_F, [[0, 8, 1]]]))
     assert report.watertight

@@ -32,7 +32,7 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def refuse(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
-    """Make TetGen refuse the first surfaces; returns a list of the sizes of all surfaces that it gets."""
+    """Make TetGen refuse the first surfaces; return a list of the sizes of all surfaces that it gets."""
 
     fill = tetrahedra.conforming_tetrahedra
 
@@ -145,7 +145,7 @@ def test_a_surface_with_a_hole_is_wrapped() -> None:
     domain = volume_domain(V, F[V[F].mean(axis=1)[:, 2] < 0.8], point)
     assert domain.notes == (WRAPPED.format("1 hole"),)
     assert assert_sound(domain) == pytest.approx(enclosed_volume(V, F), rel=0.1)
-    # The wrap is a clean solid of its own, and holds the point.
+    # The wrap is a clean solid and holds the point.
     assert not solid_defects(domain.V, boundary_facets(domain.T))
     assert np.linalg.norm(domain.V - point, axis=1).min() < 1e-8
 
@@ -157,7 +157,7 @@ def test_two_bodies_that_cross_are_wrapped_into_one() -> None:
     assert assert_sound(domain) == pytest.approx(2 - 0.5 * 0.69 * 0.58, rel=0.05)
 
 
-def test_every_fallback_in_turn(refuse: Callable[[int], list[int]], monkeypatch) -> None:
+def test_every_fallback(refuse: Callable[[int], list[int]], monkeypatch) -> None:
     monkeypatch.setattr("nilbs.geometry.domain.SURFACE_LIMIT", 10)
     monkeypatch.setattr("nilbs.geometry.domain.DECIMATED", 500)
     V, F = ball(20)
@@ -222,13 +222,13 @@ def test_a_flat_mesh_is_refined_as_it_is() -> None:
 
 
 @pytest.mark.parametrize("again", [SQUARE_T, SQUARE_T[:, ::-1], SQUARE_T[:1, ::-1]])
-def test_flat_triangles_that_stand_twice_count_once(again: np.ndarray) -> None:
+def test_repeated_flat_triangles_count_once(again: np.ndarray) -> None:
     for T in (np.concatenate([SQUARE_T, again]), np.concatenate([again, SQUARE_T])):
         domain = volume_domain(SQUARE, T, NOWHERE[:, :2])
         assert element_volumes(domain.V, domain.T).sum() == pytest.approx(1)
 
 
-def test_flat_triangles_with_corners_of_their_own_are_joined() -> None:
+def test_flat_triangles_without_shared_corners_are_joined() -> None:
     domain = volume_domain(SQUARE[SQUARE_T.ravel()], np.arange(6).reshape(2, 3), NOWHERE[:, :2])
     assert domain.surface == 4
     outline = domain.V[boundary_facets(domain.T)]
@@ -279,7 +279,7 @@ def test_vertices_in_one_place_become_one_in_their_order(rng: np.random.Generato
         ([[0, 1, 2], [2, 1, 0], [0, 1, 3]], [[0, 1, 2], [0, 1, 3]]),  # and the other way
         ([[2, 1, 0], [0, 1, 2], [1, 2, 0], [3, 1, 0]], [[2, 1, 0], [3, 1, 0]]),
         ([[0, 1, 1], [2, 2, 2], [3, 1, 0]], [[2, 1, 0]]),  # collapsed
-        ([[0, 4, 2], [0, 1, 4]], [[0, 1, 2]]),  # collapsed, for corners 1 and 4 lie in one place
+        ([[0, 4, 2], [0, 1, 4]], [[0, 1, 2]]),  # collapsed, because corners 1 and 4 lie in one place
         ([], []),
     ],
 )

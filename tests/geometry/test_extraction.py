@@ -74,7 +74,7 @@ def test_the_count_of_queries_is_right() -> None:
 
 @pytest.mark.parametrize("function", [ball, slope])
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_sign_change_is_followed_even_if_the_distance_is_large(d: int, function) -> None:
+def test_a_sign_change_is_followed_although_the_distance_is_large(d: int, function) -> None:
     grid = Grid.cube(np.array([[-1.0] * d, [1.0] * d]), 24)
     far = field_surface(lambda x: (function(x), np.full(len(x), 9.0)), grid, stride=4)
     for found, true in zip(far, field_surface(field_of(function), grid, stride=1), strict=True):

@@ -46,7 +46,7 @@ def test_linear_functions_are_reproduced_on_a_surface(d: int, rng: np.random.Gen
 def test_a_point_outside_has_the_value_of_the_closest_place(d: int, rng: np.random.Generator) -> None:
     V, T = block(d, rng)
     x = rng.uniform(-2, 3, (500, d))
-    # Of a cube that is the point with every coordinate cut off at its sides.
+    # In a cube that is the point with clipped coordinates.
     closest = linear(np.clip(x, 0, 1))
     np.testing.assert_allclose(volume_interpolation(V, T, linear(V), x), closest, atol=1e-6)
     outside = ((x < 0) | (x > 1)).any(axis=1)

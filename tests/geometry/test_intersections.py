@@ -26,7 +26,7 @@ def meet(V, f, g):
 @pytest.mark.parametrize("shared", [0, 1, 2])
 @pytest.mark.parametrize("turned", [False, True])
 def test_pairs_on_a_lattice_against_a_slow_twin(d, shared, turned, rng):
-    """Where facets touch in corners and along edges, lie in one plane and cover each other most of the time."""
+    """On a lattice facets often touch, lie in one plane and cover each other."""
     if shared == d:
         pytest.skip("two edges with the same ends")
     R = rotation_matrices(rng.normal(size=3 if d == 3 else 1))
@@ -100,9 +100,9 @@ def test_a_tip_that_stands_on_the_middle_of_a_triangle(height, expected):
 
 def test_bodies_that_touch():
     F = np.concatenate([CUBE_F, CUBE_F + 8])
-    for gap, touching in ((0.01, False), (1e-7, False), (1e-12, True), (0, True)):
-        beside = np.concatenate([CUBE, CUBE @ np.diag([1, 0.5, 0.5]) + [1 + gap, 0.3, 0.2]])
-        assert (len(self_intersections(beside, F)[0]) > 0) == touching, gap
+    for apart, touching in ((0.01, False), (1e-7, False), (1e-12, True), (0, True)):
+        beside = np.concatenate([CUBE, CUBE @ np.diag([1, 0.5, 0.5]) + [1 + apart, 0.3, 0.2]])
+        assert (len(self_intersections(beside, F)[0]) > 0) == touching, apart
 
 
 def test_a_surface_that_is_cut_along_a_seam_does_not_touch_itself_there():
@@ -117,7 +117,7 @@ def test_duplicate_and_degenerate_facets_are_no_intersections():
     assert [x.shape for x in self_intersections(CUBE, F[-1:])[:1]] == [(0, 2)]
 
 
-def test_a_tangle_ends_the_search(rng, monkeypatch):
+def test_too_many_intersections_end_the_search(rng, monkeypatch):
     V, F = rng.normal(size=(300, 3)), np.arange(300).reshape(100, 3)
     every, complete = self_intersections(V, F)
     assert complete
@@ -129,7 +129,7 @@ def test_a_tangle_ends_the_search(rng, monkeypatch):
     assert {tuple(pair) for pair in some.tolist()} < {tuple(pair) for pair in every.tolist()}
 
 
-def test_boxes_everywhere_end_the_search(monkeypatch):
+def test_too_many_overlapping_boxes_end_the_search(monkeypatch):
     """Long thin triangles side by side, whose boxes all overlap although they do not touch."""
     step = np.arange(200)[:, None, None] * np.array([0.01, 0, 0])
     V = (np.array([[0.0, 0, 0], [10, 10, 10], [10, 10.001, 10]]) + step).reshape(-1, 3)
@@ -174,6 +174,6 @@ def test_t_junctions():
         assert t_junctions((V @ R.T + 7) * scale, upper + lower).tolist() == [1]
     assert t_junctions(V + np.array([0, 0, 1.0]), upper).tolist() == []
     assert t_junctions(V, np.zeros((0, 2), int)).tolist() == []
-    # An end on a far part of another edge's line is none, nor is one beside it.
+    # An end on another edge's line but beyond the edge is none, nor is one beside it.
     V = np.array([[0.0, 0, 0], [1, 0, 0], [1.5, 0, 0], [2, 1, 0], [0.5, 1e-6, 0], [0, 3, 0]])
     assert t_junctions(V, [[0, 1], [2, 3], [4, 5]]).tolist() == []

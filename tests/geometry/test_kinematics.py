@@ -88,8 +88,8 @@ def test_joints_stay_together_and_the_root_moves_by_its_translation(d: int, rng:
     B = forward_kinematics(C, BE, P, rotations(d, 7, rng), root_translation=move)
     for bone, parent in enumerate(P):
         first = C[BE[bone, 0]]
-        wanted = first + move if parent < 0 else transform_points(B[:, parent], first)
-        np.testing.assert_allclose(transform_points(B[:, bone], first), wanted, atol=1e-13)
+        expected = first + move if parent < 0 else transform_points(B[:, parent], first)
+        np.testing.assert_allclose(transform_points(B[:, bone], first), expected, atol=1e-13)
 
 
 def test_the_plane_is_a_slice_of_space(rng: np.random.Generator) -> None:
@@ -252,16 +252,16 @@ def test_poses_without_a_hierarchy_go_bone_by_bone(d: int, rng: np.random.Genera
     theta, stretch = rotations(d, 2, rng), np.diag([1.5, 0.5, 2.0][:d])
     t = rng.normal(size=(2, len(P), d))
     B0, B1 = rigid_transforms(rotation_matrices(theta) @ stretch, t)
-    # The same bones on their way, each alone: one axis a bone, so that the half-way rotation is known.
+    # Each bone turns alone about one axis, so the half-way rotation is short.
     theta[1] = 3 * theta[0]
     B1[:, :d, :d] = rotation_matrices(theta[1]) @ stretch
     half = interpolate_poses(C, BE, P, B0, B1, 0.5)
-    wanted = rigid_transforms(rotation_matrices(2 * theta[0]) @ stretch, t.mean(axis=0))
-    if d == 3:  # only where three times the rotation is less than half a turn
-        known = np.linalg.norm(theta[1] - theta[0], axis=1) < np.pi
-        half, wanted = half[known], wanted[known]
+    expected = rigid_transforms(rotation_matrices(2 * theta[0]) @ stretch, t.mean(axis=0))
+    if d == 3:  # the closed form holds if three times the rotation is less than half a turn
+        short = np.linalg.norm(theta[1] - theta[0], axis=1) < np.pi
+        half, expected = half[short], expected[short]
     assert len(half)
-    np.testing.assert_allclose(half, wanted, atol=1e-12)
+    np.testing.assert_allclose(half, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -285,12 +285,12 @@ def test_a_smooth_motion_has_its_amplitude_and_loops(d: int) -> None:
     assert (theta[:, 0] == 0).all()
     rms = np.sqrt((theta[:, 1:] ** 2).sum(axis=-1).mean(axis=0))
     np.testing.assert_allclose(rms, 0.4, atol=1e-12)
-    # The fastest wave has four periods: no step, that back to the start included, is longer than its steepest slope.
+    # The fastest wave has four periods: no step, also that back to the start, exceeds its steepest slope.
     step = np.linalg.norm(theta - np.roll(theta, 1, axis=0), axis=-1)[:, 1:]
     assert step.max() < 2 * np.pi * 4 / 100 * 0.4 * np.sqrt(2)
     again = smooth_random_rotations(P, d, 100, amplitude=0.4, rng=np.random.default_rng(1))
     np.testing.assert_array_equal(again, theta)
-    # More frames show the same motion more often.
+    # More frames sample the same motion.
     finer = smooth_random_rotations(P, d, 200, amplitude=0.4, rng=np.random.default_rng(1))
     np.testing.assert_allclose(finer[::2], theta, atol=1e-12)
 

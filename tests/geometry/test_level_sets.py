@@ -35,7 +35,7 @@ def test_a_ball_converges_from_within(d: int) -> None:
         assert components(F, len(V)) == 1
         assert (np.abs(np.linalg.norm(V, axis=1) - 0.7) < grid.spacing**2).all()
         errors.append(truth - enclosed(V, F))
-    # Chords and linear interpolation both cut corners off a convex body; halving the cells quarters what is lost.
+    # Chords and linear interpolation both lose volume of a convex body; halving the cells quarters the loss.
     assert errors[0] > errors[1] > errors[2] > 0
     assert 3.5 < errors[1] / errors[2] < 4.5
 
@@ -115,7 +115,7 @@ def test_two_cells_that_share_a_diagonal_are_separated() -> None:
 
 @pytest.mark.parametrize("kind", ["ties", "a peak far above the rest"])
 def test_ties_need_no_repair(kind: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
-    # The repair walks edge by edge: slow where a binary volume would need it everywhere.
+    # The repair is a loop over edges: slow on a binary volume, which needs it everywhere.
     monkeypatch.setattr("nilbs.geometry.level_sets._two_triangles_an_edge", lambda index, F: (index, F))
     shape = (20, 20, 20)
     values = rng.choice([-1.0, 1.0], shape) if kind == "ties" else 1e-4 * rng.normal(size=shape)

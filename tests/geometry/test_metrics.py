@@ -93,7 +93,7 @@ def test_the_sampled_figure_is_the_mean_to_the_nearest_sample() -> None:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_of_an_empty_surface_nothing_is_defined(d: int, rng: np.random.Generator) -> None:
+def test_an_empty_surface_has_no_scores(d: int, rng: np.random.Generator) -> None:
     V, F = ball(d, 1.0)
     nothing = np.empty((0, d)), np.empty((0, d), dtype=int)
     point = np.ones((d, d)), np.arange(d)[None]

@@ -77,7 +77,7 @@ def test_patches_end_where_three_facets_meet():
 
 
 def test_random_patches_agree_everywhere(rng):
-    """Whatever is cut out of a surface and however it is turned, neighbours agree afterwards."""
+    """In random pieces of a surface with random turns, neighbours agree afterwards."""
     for _ in range(30):
         F = CUBE_F[rng.permutation(12)[: rng.integers(1, 13)]]
         G, flipped = coherent_orientation(CUBE, turned(F, rng.random(len(F)) < 0.5))
@@ -99,13 +99,13 @@ def test_a_moebius_strip_is_never_made_worse(rng):
         broken = turned(F, rng.random(24) < 0.3)
         G, flipped = coherent_orientation(V, broken)
         assert disagreements(G) <= disagreements(broken)
-        assert disagreements(G) == 1  # what is left of any loop with half a turn
+        assert disagreements(G) == 1  # every loop with half a turn has one
         assert np.array_equal(turned(G, flipped), broken)
 
 
 def test_a_wide_moebius_strip_keeps_about_its_seam(rng):
     V, F = strip(12, twisted=True)
-    # Every triangle in four, twice: strips eight times as wide.
+    # Every triangle is cut in four, twice: a wide strip.
     for _ in range(2):
         edge = ridges(F)
         middle = len(V) + edge.ridge

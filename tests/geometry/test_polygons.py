@@ -24,7 +24,7 @@ def star(k, rng):
 
 
 def comb(teeth):
-    """A polygon that no corner sees the whole of."""
+    """A polygon that no corner sees completely."""
     x = np.arange(2 * teeth + 1) / teeth
     low = np.stack([x, np.where(np.arange(len(x)) % 2, 0.1, 1)], axis=1)
     return np.concatenate([low[::-1], [[0, 0], [2, 0]]])

@@ -1,4 +1,4 @@
-"""What users of `nilbs.geometry` find there."""
+"""The public names of `nilbs.geometry`."""
 
 import importlib
 import pkgutil

@@ -11,7 +11,7 @@ from nilbs.geometry.winding import occupancy
 
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("cells", [5, 37, 64])
-def test_exact_at_the_skin_and_of_the_right_sign_elsewhere(d: int, cells: int, characters) -> None:
+def test_exact_at_the_surface_and_of_the_right_sign_elsewhere(d: int, cells: int, characters) -> None:
     c = characters[d]
     grid = Grid.box(c.V, cells)
     found = distance_grid(c.V, c.F, grid)
@@ -20,7 +20,7 @@ def test_exact_at_the_skin_and_of_the_right_sign_elsewhere(d: int, cells: int, c
     assert near.any()
     np.testing.assert_allclose(found[near], exact[near], atol=1e-12)
     np.testing.assert_array_equal(found < 0, exact < 0)
-    # Away from it the error is that of linear interpolation on coarser grids.
+    # Away from the surface the error is that of linear interpolation on coarser grids.
     assert np.abs(found - exact).max() < 0.05 * c.L
 
 
@@ -45,7 +45,7 @@ def linear(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_linear_weights_continue_linearly_beyond_the_skin(d: int, characters) -> None:
+def test_linear_weights_continue_linearly_outside(d: int, characters) -> None:
     c = characters[d]
     grid = Grid.box(c.V, 40, pad=0.1)
     depth = 0.02 * c.L
@@ -59,7 +59,7 @@ def test_linear_weights_continue_linearly_beyond_the_skin(d: int, characters) ->
     np.testing.assert_allclose(W_node.sum(axis=1), 1, atol=1e-12)
     inside, close = distance < 0, (distance > 0) & (distance < depth)
     np.testing.assert_allclose(W_node[inside], linear(x[inside]), atol=1e-9)
-    # The mirror image lies along the way to the closest place; where that leaves the body again weights bend.
+    # The mirrored point lies beyond the closest place; weights bend if it is outside again.
     assert np.quantile(np.abs(W_node[close] - linear(x[close])), 0.95) < 2e-3
     assert np.abs(W_node[close] - linear(x[close])).max() < 0.05
 
@@ -100,7 +100,7 @@ def test_cells_that_the_surface_may_cross_are_divided(d: int, characters) -> Non
             continue
         assert brick[cell] == number
         number += 1
-        # Values are moved by less than a cell of the brick, for distance changes no faster than position.
+        # Values change by less than a cell of the brick, because distance changes no faster than position.
         assert np.abs(bricks[brick[cell]].ravel() - exact).max() < d / 6 * grid.spacing / parts
     assert number == len(bricks)
     assert 0 < (brick >= 0).mean() < 1
@@ -136,7 +136,7 @@ def test_cells_of_bricks_are_divided_where_distance_bends(d: int, characters) ->
             assert divided in (-1, number)
             number += divided >= 0
     assert 0 < number < finer.size
-    # What the second division holds is distance about its own nodes.
+    # The second division holds distances about its own nodes.
     corner = np.empty((number, d))
     for place in np.argwhere(brick >= 0):
         for cell in np.argwhere(finer[brick[tuple(place)]] >= 0):

@@ -120,7 +120,7 @@ def test_elbows_that_are_bent_at_rest_are_straightened_without_twist() -> None:
     np.testing.assert_allclose(theta[0, hand], 0, atol=1e-12)
 
 
-def test_larger_bodies_walk_farther(rng: np.random.Generator) -> None:
+def test_larger_bodies_move_farther(rng: np.random.Generator) -> None:
     source, target = person(), person(size=3)
     theta = np.zeros((4, len(NAMES), 3))
     move = np.array([[0, 0, 0], [0, 0.01, 0.5], [0, -0.02, 1.0], [0.1, 0, 7.0]])
@@ -148,8 +148,8 @@ def test_chains_share_what_one_bone_does(rng: np.random.Generator) -> None:
     B = moved(source, rng)
     follows = {"upper1": "upper", "upper2": "upper", "lower1": "lower", "hand": "hand"}
     found = retarget(source, B, target, follows).B
-    # The chain's direction, and not that of its first bone, is the source's: here it agrees at rest.
-    for bone, led in ((0, 0), (1, 0), (2, 1), (3, 1), (4, 2)):  # the bone in between follows the one above it
+    # The whole chain has the source's direction, not its first bone: here they agree at rest.
+    for bone, led in ((0, 0), (1, 0), (2, 1), (3, 1), (4, 2)):  # a bone without a partner follows its parent
         np.testing.assert_allclose(found[:, bone, :3, :3], B[:, led, :3, :3], atol=1e-12)
     np.testing.assert_allclose(posed(target, found)[:, [0, 2, 4]], posed(source, B), atol=1e-12)
 
@@ -158,7 +158,7 @@ def test_chains_are_aligned_as_one() -> None:
     source = skeleton_of_joints([[0, 0], [2, 0], [4, 0]], np.arange(3) - 1, ["upper", "lower", "hand"])
     joints = [[0, 0], [0.1, -1], [0, -2], [0, -4]]
     target = skeleton_of_joints(joints, np.arange(4) - 1, ["upper1", "upper2", "lower", "hand"])
-    # A second arm, the other way, so that quarter turns as a whole do not help.
+    # A second arm points the other way, so that no turn of the whole helps.
     both = [
         Skeleton(
             np.concatenate([s.C, s.C * [-1, 1]]),
@@ -177,8 +177,8 @@ def test_chains_are_aligned_as_one() -> None:
     np.testing.assert_allclose(found.B[0, 4:, :2, :2], np.tile(up.T, (4, 1, 1)), atol=1e-12)
 
 
-def test_a_back_is_not_bent_to_that_of_the_source(rng: np.random.Generator) -> None:
-    """Where the joints of a back lie in it differs between rigs; what hangs from it does not lie in its direction."""
+def test_a_back_is_not_bent_like_that_of_the_source(rng: np.random.Generator) -> None:
+    """Rigs have the joints of the back in different places, and limbs do not continue the back."""
     source, target = person(), person()
     C = target.C.copy()
     C[NAMES.index("spine"), 2] -= 0.1
@@ -213,7 +213,7 @@ def test_bones_above_all_mapped_ones_turn_along(rng: np.random.Generator) -> Non
 
 
 @pytest.mark.parametrize("at", [[0, 5.0, 0], [7.0, 0, -9.0]])
-def test_a_start_far_from_rest_is_no_part_of_the_motion(at: list[float]) -> None:
+def test_a_start_far_from_rest_is_removed(at: list[float]) -> None:
     skeleton = person(arms=0.8)
     theta = np.zeros((3, len(NAMES), 3))
     steps = np.array([[0, 0, 0], [0, 0.01, 0.3], [0, 0, 0.6]])
@@ -309,7 +309,7 @@ def test_of_equally_good_turns_the_least_is_taken() -> None:
     assert (quarter_turns_between(line, line) == np.eye(3)).all()
 
 
-def test_a_map_is_guessed_by_names_places_and_hierarchy() -> None:
+def test_a_map_is_found_by_names_places_and_hierarchy() -> None:
     source, target = person(), person(arms=0.8, size=3)
     words = {"arm": "UpArm", "fore": "LoArm", "thigh": "UpLeg", "shin": "LoLeg"}
     renamed = [name.split(".") for name in NAMES]

@@ -62,31 +62,35 @@ def test_coincident_joints(scale):
 
 @pytest.mark.parametrize("factor", [100, 0.01, 10, 1000, 2.54, 0.3048])
 def test_another_unit_is_named(factor):
-    said = frame_suggestion(V, F, C / factor)
+    suggestion = frame_suggestion(V, F, C / factor)
     by = f"times {factor:.6g}" if factor > 1 else f"divided by {1 / factor:.6g}"
-    assert said is not None
-    assert said.startswith("the rig is in another unit: with its joints ")
+    assert suggestion is not None
+    assert suggestion.startswith("the rig is in another unit: with its joints ")
     if factor in (100, 0.01):
-        assert said == f"the rig is in another unit: with its joints {by}, 4 of 4 lie inside the mesh instead of 0"
+        assert (
+            suggestion == f"the rig is in another unit: with its joints {by}, 4 of 4 lie inside the mesh instead of 0"
+        )
     # The suggestion is true.
-    word = said.split("joints ")[1].split(",")[0]
-    told = float(word.split()[-1]) if word.startswith("times") else 1 / float(word.split()[-1])
-    assert told == pytest.approx(factor, rel=0.02)
+    word = suggestion.split("joints ")[1].split(",")[0]
+    stated = float(word.split()[-1]) if word.startswith("times") else 1 / float(word.split()[-1])
+    assert stated == pytest.approx(factor, rel=0.02)
 
 
 @pytest.mark.parametrize("factor", [1, 100])
 def test_another_up_axis_is_named(factor):
     # The rig's z is up: its (x, y, z) are the mesh's (x, -z, y).
     joints = np.stack([C[:, 0], -C[:, 2], C[:, 1]], axis=1) / factor
-    said = frame_suggestion(V, F, joints)
+    suggestion = frame_suggestion(V, F, joints)
     start = "the rig is in another frame: with (x, y, z) of its joints taken as (x, z, -y)"
-    assert said == start + " and times 100" * (factor == 100) + ", 4 of 4 lie inside the mesh instead of 0"
+    assert suggestion == start + " and times 100" * (factor == 100) + ", 4 of 4 lie inside the mesh instead of 0"
 
 
 def test_a_small_rig_that_lies_inside_is_in_doubt():
     around = CUBE * 4 - 2
-    said = frame_suggestion(around, F, (C - [2.5, 2, 2]) / 100)
-    assert said == "the rig is in another unit: with its joints times 100, 4 of 4 lie inside the mesh instead of 4"
+    suggestion = frame_suggestion(around, F, (C - [2.5, 2, 2]) / 100)
+    assert (
+        suggestion == "the rig is in another unit: with its joints times 100, 4 of 4 lie inside the mesh instead of 4"
+    )
     assert frame_suggestion(around, F, (C[:2] - [2.5, 2, 2]) / 100) is None  # one short bone is none too small
 
 
@@ -94,9 +98,9 @@ def test_a_factor_between_no_two_units():
     assert frame_suggestion(V, F, C / 5000 + 7) == "the rig's box is 6.25e+03 x smaller than the mesh's"
     assert frame_suggestion(V, F, C * 5000) == "the rig's box is 4e+03 x larger than the mesh's"
     assert frame_suggestion(V, F, C[:1] + 50) == "the rig is one point"
-    said = frame_suggestion(V, F, (C - C.mean(axis=0)) * [1, 1, 1.1] + [50, 50, 50])
-    assert said is not None
-    assert said.startswith("the rig's box lies beside the mesh's: moved by (-47.5, -4")
+    suggestion = frame_suggestion(V, F, (C - C.mean(axis=0)) * [1, 1, 1.1] + [50, 50, 50])
+    assert suggestion is not None
+    assert suggestion.startswith("the rig's box lies beside the mesh's: moved by (-47.5, -4")
 
 
 def test_joints_that_are_near_but_not_inside():

@@ -46,7 +46,7 @@ def rig(d: int, C: np.ndarray = JOINTS, BE: list | None = None, P: list[int] | N
 
 
 def solved(V: np.ndarray, E: np.ndarray, skeleton: Skeleton, **options: object) -> SolvedWeights:
-    """Weights, with the checks that hold for all solutions."""
+    """Weights, after the checks that hold for all solutions."""
     found = solve_weights(V, E, skeleton, **options)
     for W, n in ((found.W, len(V)), (found.W_volume, len(found.V_volume))):
         assert W.shape == (n, len(skeleton.BE))
@@ -94,12 +94,12 @@ def test_one_bone_moves_all(d: int) -> None:
 @DIMENSIONS
 def test_bones_in_another_order_have_the_same_weights(d: int) -> None:
     again = solved(*limb(d), rig(d, JOINTS, [[2, 3], [0, 1], [1, 2]], [2, -1, 1]))
-    # The tetrahedra are others, for points of bones come in another order.
+    # The tetrahedra differ, because the bones' points come in another order.
     assert difference(again.W[:, [1, 2, 0]], plain(d).W) < 0.04
 
 
 @DIMENSIONS
-def test_bones_in_one_place_share_what_one_would_have(d: int) -> None:
+def test_bones_in_one_place_share_the_weights_of_one(d: int) -> None:
     twice = solved(*limb(d), rig(d, JOINTS, [[0, 1], [1, 2], [2, 3], [1, 2], [2, 1]], [-1, 0, 1, 0, 0]))
     assert twice.notes == ("bones on top of each other share their weights (3): b, d, e",)
     np.testing.assert_allclose(twice.W[:, 3], twice.W[:, 1], atol=0.01)
@@ -202,7 +202,7 @@ def test_several_roots(d: int) -> None:
 
 def test_a_fork_belongs_to_its_bone() -> None:
     V, E = limb(2)
-    # A bone that leads to a child above and to one below holds the way to both.
+    # A bone with a child above and one below holds the segments to both.
     positions = np.array([[-0.3, 0], [0.3, 0.15], [0.3, -0.15], [0.7, 0.15]])
     forked = skeleton_of_joints(positions, [-1, 0, 0, 1], "abcd")
     assert forked.forks.tolist() == [[0, 2]]
@@ -280,7 +280,7 @@ def test_boxes_are_written_in_as_many_digits_as_matter() -> None:
         check_rig_fits(V / V.max() * 123456.789, rig(2, -1e6 * np.ones((2, 2))))
 
 
-def test_small_rigs_that_are_no_mistake() -> None:
+def test_small_rigs_that_are_right() -> None:
     V, _ = limb(2)
     # Two joints, or joints in one place, leave the unit open; those that no bone uses do not count.
     check_rig_fits(V, rig(2, np.array([[0, 0], [0.001, 0]])))

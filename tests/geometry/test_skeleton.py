@@ -7,7 +7,7 @@ C = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0.0]])
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_skeleton_keeps_what_it_is_given(d: int) -> None:
+def test_a_skeleton_keeps_its_arguments(d: int) -> None:
     s = Skeleton(C[:, :d].tolist(), [[0, 1], [1, 2], [1, 1]], [-1, 0, 0], ["a", "b", "c"], [[0, 3]])
     assert s.d == d
     np.testing.assert_array_equal(s.C, C[:, :d])
@@ -68,7 +68,7 @@ def test_a_chain_of_joints_is_a_chain_of_bones(d: int, rng: np.random.Generator)
 
 
 def test_a_bone_leads_to_the_longest_chain_and_the_other_children_are_forks(rng: np.random.Generator) -> None:
-    # Of joint 0's children 1, 2 and 3, below 2 there is a chain of two and below 3 one of one.
+    # Joint 0 has the children 1, 2 and 3; below 2 there is a chain of two joints, below 3 of one.
     s = tree([-1, 0, 0, 0, 2, 4, 3], rng)
     assert s.BE.tolist() == [[0, 2], [1, 1], [2, 4], [3, 6], [4, 5], [5, 5], [6, 6]]
     assert s.forks.tolist() == [[0, 1], [0, 3]]
@@ -84,19 +84,19 @@ def test_several_roots_and_a_joint_alone(rng: np.random.Generator) -> None:
     assert tree([-1], rng).BE.tolist() == [[0, 0]]
 
 
-def test_ends_that_are_given() -> None:
+def test_given_ends() -> None:
     positions = np.array([[0, 0], [1, 0], [2, 0], [1, 1.0]])
     given = {2: np.array([3, 0]), 0: np.array([0, -1])}
     s = skeleton_of_joints(positions, [-1, 0, 1, 1], "abcd", ends=given)
     np.testing.assert_array_equal(s.C[:4], positions)
     np.testing.assert_array_equal(s.C[s.BE[2]], [[2, 0], [3, 0]])
-    # A joint with an end of its own leads to none of its children: all of them are forks.
+    # A joint with a given end leads to none of its children: all of them are forks.
     np.testing.assert_array_equal(s.C[s.BE[0]], [[0, 0], [0, -1]])
     assert s.forks.tolist() == [[0, 1], [1, 3]]
     assert s.BE[[1, 3]].tolist() == [[1, 2], [3, 3]]
 
 
-def test_joints_that_are_no_skeleton_are_refused() -> None:
+def test_wrong_joints_are_refused() -> None:
     x = np.zeros((2, 3))
     for parents, names, message in (
         ([1, 0], "ab", "cycle"),

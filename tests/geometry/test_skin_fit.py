@@ -22,7 +22,7 @@ def read(grid: Grid, W_grid: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def fit(c, cells: int) -> tuple[Grid, np.ndarray, np.ndarray, np.ndarray]:
-    """A grid, nodes with weights, these weights, and what the fit makes of them."""
+    """A grid, its nodes with weights, these weights, and the fitted weights."""
     grid = Grid.box(c.V, cells, pad=0.1)
     node, W_node = weight_grid(c.V, c.F, c.W, c.V_volume, c.T, c.W_volume, grid, band=0.1 * c.L, depth=0.015 * c.L)
     return grid, node, W_node, fit_to_skin(c.V, c.F, c.W, grid, node, W_node, rng=np.random.default_rng(0))
@@ -35,10 +35,10 @@ def filled(grid: Grid, node: np.ndarray, W_node: np.ndarray) -> np.ndarray:
 
 
 @DIMENSIONS
-def test_interpolation_misses_the_weights_of_the_skin_by_less(d: int, characters, rng: np.random.Generator) -> None:
+def test_interpolation_is_nearer_to_the_weights_of_the_surface(d: int, characters, rng: np.random.Generator) -> None:
     c = characters[d]
     grid, node, W_node, fitted = fit(c, 30)
-    x, facet = facet_samples(c.V, c.F, 5000, rng=rng)  # others than it was fitted to
+    x, facet = facet_samples(c.V, c.F, 5000, rng=rng)  # not the samples of the fit
     skin = facet_values(c.V, c.F, c.W, x, facet)
     before, after = (np.abs(read(grid, filled(grid, node, W), x) - skin).sum(axis=1).mean() for W in (W_node, fitted))
     assert 0 < after < 0.8 * before
@@ -46,7 +46,7 @@ def test_interpolation_misses_the_weights_of_the_skin_by_less(d: int, characters
 
 
 @DIMENSIONS
-def test_nodes_of_cells_without_skin_stay(d: int, characters, rng: np.random.Generator) -> None:
+def test_nodes_of_cells_without_surface_stay(d: int, characters, rng: np.random.Generator) -> None:
     c = characters[d]
     grid, node, W_node, fitted = fit(c, 30)
     changed = (fitted != W_node).any(axis=1)
@@ -71,10 +71,10 @@ def test_weights_that_the_grid_interpolates_exactly_stay(d: int, characters) -> 
 
 
 @DIMENSIONS
-def test_skin_between_nodes_without_weights_counts_for_nothing(d: int, characters) -> None:
+def test_the_surface_between_nodes_without_weights_does_not_count(d: int, characters) -> None:
     c = characters[d]
     grid = Grid.box(c.V, 10)
-    node = np.array([0])  # in a corner, far from the skin
+    node = np.array([0])  # in a corner, far from the surface
     W_node = np.full((1, c.W.shape[1]), 1 / c.W.shape[1])
     for away in (grid, Grid(grid.origin + 9 * c.L, grid.spacing, grid.shape)):
         fitted = fit_to_skin(c.V, c.F, c.W, away, node, W_node, rng=np.random.default_rng(0))

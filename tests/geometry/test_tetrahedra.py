@@ -61,7 +61,7 @@ def test_a_ball_is_filled_up_to_its_facets() -> None:
     np.testing.assert_allclose(element_volumes(V2, T).sum(), inside)
 
 
-def test_an_inner_surface_is_kept_and_what_it_encloses_filled_too() -> None:
+def test_an_inner_surface_is_kept_and_its_inside_is_filled() -> None:
     grid = Grid.cube(np.array([[-1.0] * 3, [1.0] * 3]), 12)
     V, F = isosurface(np.linalg.norm(grid.points(), axis=1) - 0.9, grid)
     whole = element_volumes(*conforming_tetrahedra(V, F, NO_POINTS)).sum()
@@ -132,7 +132,7 @@ def test_an_interrupt_ends_both_processes(tmp_path: Path) -> None:
         os.kill(int(started.read_text()), 0)
 
 
-def test_threads_fill_at_once_without_changing_the_process(capfd: pytest.CaptureFixture[str]) -> None:
+def test_several_threads_fill_without_changing_the_process(capfd: pytest.CaptureFixture[str]) -> None:
     folder = Path.cwd()
     V, T = conforming_tetrahedra(CUBE, CUBE_F, POINTS)
     with ThreadPoolExecutor(4) as pool:

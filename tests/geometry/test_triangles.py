@@ -59,7 +59,7 @@ def test_points_become_vertices_and_nothing_inside_is_far_from_one(spacing: floa
     V2, T2 = conforming_triangles(COMB, COMB_T, points, spacing=spacing)
     assert_sound(COMB, COMB_T, V2, T2)
     np.testing.assert_array_equal(V2[8:17], points)
-    # A hexagonal grid leaves no point further than 0.58 steps from it, and skips what is nearer than 0.7 to a vertex.
+    # No point is further than 0.58 steps from a hexagonal grid; grid points nearer than 0.7 to a vertex are left out.
     step = spacing * np.hypot(4, 3)
     x = rng.uniform([step, step], [4 - step, 1 - step], (500, 2))
     distance = np.linalg.norm(x[:, None] - V2, axis=2).min(axis=1)
@@ -95,7 +95,7 @@ def test_degenerate_triangles_and_loose_vertices_are_left_out_and_keep_their_num
     V2, T2 = conforming_triangles(V, T, [[1.5, 0.5], [2.5, 0.5], [2.0, 0.5]], spacing=10.0)
     assert_sound(V, T, V2, T2)
     assert len(V2) == 12
-    # The last point is where the loose vertex lies; the mesh holds it all the same.
+    # The last point is the place of the loose vertex; the mesh holds it, too.
     assert np.linalg.norm(V2[np.unique(T2)] - [2.0, 0.5], axis=1).min() < 1e-12
 
 

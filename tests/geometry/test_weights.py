@@ -40,7 +40,7 @@ def bar(d: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 
 
 BE = np.array([[0, 1], [1, 2], [2, 3]])
-# Triangles of a block whose corners are counted with the last coordinate running fastest.
+# Triangles of a block; its corners are counted with the last coordinate fastest.
 BLOCK = np.array(
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
      [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
@@ -128,7 +128,7 @@ def energy_matrix(V: np.ndarray, T: np.ndarray) -> sparse.csc_matrix:
 
 
 def shares(corners: np.ndarray, volume: float) -> np.ndarray | float:
-    """What each corner has of an element: equal parts of a tetrahedron, the nearest part of a triangle.
+    """The share of each corner in an element: equal in a tetrahedron, the nearest part of a triangle.
 
     Where a triangle is obtuse that part leaves it; the obtuse corner then takes a half and the others a quarter each
     (Meyer et al., Discrete differential-geometry operators for triangulated 2-manifolds, 2003).
@@ -146,7 +146,7 @@ def shares(corners: np.ndarray, volume: float) -> np.ndarray | float:
 
 
 def optimum(K: sparse.csc_matrix, fixed: np.ndarray, W_fixed: np.ndarray) -> np.ndarray:
-    """All bones together by an interior-point method: every row on the simplex, known rows as they are."""
+    """All bones together by an interior-point method: every row on the simplex, given rows unchanged."""
     n, b = K.shape[0], W_fixed.shape[1]
     size = abs(K).max()
     P = sparse.block_diag([sparse.triu(K / size)] * b, format="csc")
@@ -154,7 +154,7 @@ def optimum(K: sparse.csc_matrix, fixed: np.ndarray, W_fixed: np.ndarray) -> np.
     pick = sparse.csc_matrix((np.ones(len(fixed)), (np.arange(len(fixed)), fixed)), shape=(len(fixed), n))
     A = sparse.vstack([sums, sparse.block_diag([pick] * b), -sparse.identity(n * b)], format="csc")
     rhs = np.concatenate([np.ones(n), W_fixed.T.ravel(), np.zeros(n * b)])
-    # The sums of known rows would be constrained twice.
+    # The sums of given rows would be constrained twice.
     free = np.setdiff1d(np.arange(n), fixed)
     keep = np.concatenate([free, np.arange(n, len(rhs))])
     cones = [clarabel.ZeroConeT(len(free) + fixed.size * b), clarabel.NonnegativeConeT(n * b)]
@@ -201,7 +201,7 @@ def test_no_worse_than_one_bone_at_a_time_clipped(d: int) -> None:
     clipped = np.clip(igl.bbw(V, T, fixed, W_fixed, max_iter=50), 0, 1)
     np.testing.assert_allclose(reference, clipped / clipped.sum(axis=1, keepdims=True), atol=1e-12)
     assert biharmonic_energy(V, T, W) <= biharmonic_energy(V, T, reference)
-    # The same problem all in all: on the mean the two differ little, but they differ.
+    # Nearly the same problem: the two differ, but little on the mean.
     assert 1e-4 < np.abs(W - reference).mean() < 0.05
 
 
@@ -226,8 +226,8 @@ def test_bones_in_another_order_give_the_columns_in_that_order(d: int) -> None:
 
 
 def test_weights_between_two_ends_fall_all_the_way() -> None:
-    # Both ends of a strip are held two rows deep, so value and slope are known: between them the weights go from one to
-    # zero, symmetrically, and fall all the way.
+    # Both ends of a strip are fixed two rows deep, so value and slope are given: the weights fall from one to zero
+    # between them, symmetrically.
     x, y = np.meshgrid(np.arange(13.0), np.arange(3.0), indexing="ij")
     V = np.stack([x.ravel(), y.ravel()], axis=1)
     corner = np.array([3 * i + j for i in range(12) for j in (0, 1)])[:, None]
@@ -262,7 +262,7 @@ def test_one_bone_and_a_mesh_that_is_all_fixed_need_no_solver() -> None:
 def test_vertices_without_elements_follow_the_nearest_unless_they_are_fixed(method: str) -> None:
     V, T, fixed, W_fixed = bar(2)
     W = bounded_biharmonic_weights(V, T, fixed, W_fixed, method=method)
-    # In front of the others, so that every index moves; the second is fixed where another is, to something else.
+    # First, so that every index changes; the second has the place of a fixed vertex and other weights.
     more = np.concatenate([V[[5]] + 1e-3, V[fixed[[0]]], V])
     again = bounded_biharmonic_weights(
         more, T + 2, np.concatenate([[1], fixed + 2]), np.concatenate([[[0.2, 0.3, 0.5]], W_fixed]), method=method
@@ -270,7 +270,7 @@ def test_vertices_without_elements_follow_the_nearest_unless_they_are_fixed(meth
     np.testing.assert_allclose(again[2:], W, atol=1e-9)
     np.testing.assert_array_equal(again[0], again[7])
     np.testing.assert_array_equal(again[1], [0.2, 0.3, 0.5])
-    # Energy is of the elements alone.
+    # Only elements have energy.
     assert biharmonic_energy(more, T + 2, again) == pytest.approx(biharmonic_energy(V, T, W), rel=1e-6)
 
 
@@ -319,7 +319,7 @@ def test_the_nearest_point_of_a_simplex(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_linear_function_is_its_own_harmonic_extension(d: int) -> None:
     V, T, *_ = bar(d)
-    # The outline alone is known: a linear function there is linear inside.
+    # Only the outline is given: a linear function there is linear inside.
     outer = np.array([*range(6)] if d == 2 else [*range(8)])
     boundary = np.setdiff1d(igl.boundary_facets(T)[0].ravel(), outer)
     order = np.concatenate([outer, boundary, np.setdiff1d(np.arange(len(V)), np.concatenate([outer, boundary]))])

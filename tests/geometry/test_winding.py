@@ -36,7 +36,7 @@ def test_one_inside_a_ball_and_zero_outside(d: int, exact: bool, rng: np.random.
 
 
 def test_a_curve_agrees_with_the_sum_of_angles(rng: np.random.Generator) -> None:
-    # Edges at random: crossings, loose ends, a vertex that ends several edges.
+    # Random edges: crossings, loose ends, vertices with several edges.
     V, F = rng.normal(size=(9, 2)), rng.integers(0, 9, (14, 2))
     x = rng.normal(size=(200, 2))
     np.testing.assert_allclose(winding_number(V, F, x), [angle_sum(V, F, point) for point in x], atol=1e-12)
@@ -88,7 +88,7 @@ def test_scale_and_place_of_the_world_do_not_matter(
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_nothing_and_nowhere(d: int) -> None:
+def test_no_facets_and_no_points(d: int) -> None:
     V, F = ball(d)
     empty = np.empty((0, d), dtype=int)
     np.testing.assert_array_equal(winding_number(np.empty((0, d)), empty, V[:3]), np.zeros(3))

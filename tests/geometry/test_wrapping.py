@@ -29,11 +29,11 @@ def ball(d: int, cells: int = 24) -> tuple[np.ndarray, np.ndarray]:
 
 
 def wrapped(V: np.ndarray, F: np.ndarray, resolution: int) -> tuple[np.ndarray, np.ndarray]:
-    """A wrap, with the checks that hold for every one: it is a clean solid, and holds what the surface holds."""
+    """A wrap, after the checks that hold for all: it is a clean solid and contains the surface."""
     V_wrap, F_wrap = wrapping_surface(V, F, resolution=resolution)
     assert solid_defects(V_wrap, F_wrap) == []
     cell = np.ptp(V, axis=0).max() / resolution
-    # No place of it is further from the surface than its own thickness, but over holes.
+    # Except over holes, it is no further from the surface than its own thickness.
     lower, upper = V.min(axis=0) - 1.1 * cell, V.max(axis=0) + 1.1 * cell
     assert (V_wrap >= lower).all()
     assert (V_wrap <= upper).all()
@@ -53,7 +53,7 @@ def test_a_solid_keeps_its_shape(d: int, resolution: int, rng: np.random.Generat
     V = turned(V, rng) * np.array([1.0, 0.7, 0.5])[:d]
     V_wrap, F_wrap = wrapped(V, F, resolution)
     assert np.ptp(V, axis=0).max() / resolution > 2 * np.abs(closest_points(V, F, V_wrap)[0]).max()
-    # The blur takes off a little at convex places, never more than a part of a cell all over.
+    # The blur removes a little at convex places, less than a cell everywhere.
     true, cell = enclosed_volume(V, F), np.ptp(V, axis=0).max() / resolution
     area = d * true / 0.5
     assert true - 0.3 * cell * area < enclosed_volume(V_wrap, F_wrap) < true
@@ -116,8 +116,8 @@ def test_a_plate_of_any_thickness_stays_in_one_piece(
 @DIMENSIONS
 def test_two_boxes_close_together_stay_apart(d: int) -> None:
     V, F = box(d, [1, 0.9, 0.8])
-    gap = np.array([1 + 2.5 * 2 / 60, 0, 0])[:d]
-    V_wrap, F_wrap = wrapped(np.concatenate([V, V + gap]), np.concatenate([F, F + len(V)]), 60)
+    apart = np.array([1 + 2.5 * 2 / 60, 0, 0])[:d]
+    V_wrap, F_wrap = wrapped(np.concatenate([V, V + apart]), np.concatenate([F, F + len(V)]), 60)
     assert surface_report(V_wrap, F_wrap).components == 2
     assert enclosed_volume(V_wrap, F_wrap) == pytest.approx(2 * enclosed_volume(V, F), rel=0.05)
 
@@ -137,7 +137,7 @@ def test_a_hole_in_a_ball_is_closed(height: float) -> None:
     V_wrap, F_wrap = wrapped(V, F[V[F].mean(axis=1)[:, 2] < height], 40)
     report = surface_report(V_wrap, F_wrap)
     assert report.components == 1
-    # A lid over the hole is where the winding number passes one half: between the rim's plane and the ball.
+    # The lid over the hole is where the winding number is one half: between the boundary edges' plane and the ball.
     cap = np.pi * (0.9 - height) ** 2 * (3 * 0.9 - (0.9 - height)) / 3
     whole = enclosed_volume(V, F)
     assert 0.97 * (whole - cap) < report.volume < whole

@@ -115,7 +115,7 @@ def test_a_folder_is_not_a_file_to_write(tmp_path):
         check_writable(tmp_path)
 
 
-def test_a_file_that_is_read_is_not_replaced(tmp_path):
+def test_an_input_file_is_not_replaced(tmp_path):
     (tmp_path / "a.txt").write_text("old")
     (tmp_path / "b.txt").symlink_to("a.txt")
     check_writable(tmp_path / "c.txt", inputs=[tmp_path / "a.txt", tmp_path / "no.txt", tmp_path / "c.txt"])
@@ -125,7 +125,7 @@ def test_a_file_that_is_read_is_not_replaced(tmp_path):
             check_writable(tmp_path / path, inputs=[tmp_path / read])
 
 
-def test_check_writable_asks_for_the_right(tmp_path, monkeypatch):
+def test_check_writable_needs_the_permission(tmp_path, monkeypatch):
     check_writable(tmp_path / "a.txt")
     check_writable(os.devnull)
     monkeypatch.setattr(os, "access", lambda place, mode: False)

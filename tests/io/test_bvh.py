@@ -111,7 +111,7 @@ def test_any_channels_against_a_slow_twin(bvh, seed):
         nonlocal text
         at = len(order)
         order.append(j)
-        # All different axes, and some twice: Z X Z is an order of Euler angles too.
+        # Three axes, or two with the first repeated: Z X Z is an order of Euler angles, too.
         channels = rng.permutation(CHANNELS)[: rng.integers(0, 7)].tolist()
         channels = [*channels[:4], "Zrotation"] if rng.random() < 0.3 else channels
         offset = rng.normal(size=3)
@@ -257,7 +257,7 @@ def test_a_bad_number_is_found_in_a_long_motion(bvh):
 
 
 def test_many_frames_of_joints_without_channels(bvh):
-    # A motion of a few bytes a frame would otherwise unfold to 128 bytes a joint and frame.
+    # Otherwise a few bytes a frame would become 128 bytes a joint and frame.
     joints = "JOINT a { OFFSET 0 0 0 }\n" * 5000
     text = f"ROOT r {{ OFFSET 0 0 0 CHANNELS 1 Xrotation\n{joints}}}\nMOTION\nFrames: 5000\nFrame Time: 1\n"
     with pytest.raises(FileFormatError, match="5000 frames of 5001 joints, in 5000 bytes: hardly any joint"):
@@ -310,7 +310,7 @@ def test_round_trip(tmp_path, rng, form, moves, size):
     B = forward_kinematics(s.C, s.BE, s.P, theta, root_translation=rng.normal(size=(t, 3)) * size)
     if moves == "comes apart":
         B[..., :3, 3] += rng.normal(size=(t, b, 3)) * size
-    elif moves == "collapses":  # every bone starts near the origin, which looks like positions relative to the OFFSETs
+    elif moves == "collapses":  # every bone starts near the origin, as with positions relative to the OFFSETs
         B[..., :3, 3] = -(B[..., :3, :3] @ s.C[s.BE[:, 0]][:, :, None])[..., 0] + 1e-3 * size
     times = 2 + np.arange(t) / 24
     notes = write_bvh(tmp_path / "a.bvh", Clip("a", s, times, B))

@@ -52,7 +52,7 @@ def test_the_copy_is_read(tmp_path, character, blender, monkeypatch):
     assert arguments.startswith("--background --factory-startup --disable-autoexec --python-exit-code 3 --python ")
     assert f" -- {character} " in arguments
     assert not (tmp_path / "hacked").exists()
-    assert not os.path.exists(arguments.split()[-1])  # the copy is gone
+    assert not os.path.exists(arguments.split()[-1])  # the copy is removed
 
 
 @pytest.mark.parametrize(

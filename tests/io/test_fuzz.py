@@ -1,4 +1,4 @@
-"""Whatever a file holds, a reader answers with arrays or with FileFormatError: it never raises anything else."""
+"""Readers return arrays or raise FileFormatError, for any content."""
 
 import json
 import struct
@@ -71,7 +71,7 @@ def _text_ply(path):
     )
 
 
-# Name: (reader, writer of a good file, words that such a file is made of).
+# Name: (reader, writer of a good file, words of such files).
 FORMATS = {
     "a.obj": (
         _checked_mesh,
@@ -143,9 +143,9 @@ FORMATS = {
 
 
 def refused_or_read(read, path, content=None):
-    """True where the file, or this content in its place, was read."""
+    """Whether the file, or this content instead, is read."""
     if content is not None:
-        path.unlink()  # to write over a file is many times slower on some disks than to write a new one
+        path.unlink()  # replacing a file is much slower on some disks than writing a new one
         path.write_bytes(content)
     message = ""
     try:

@@ -1,4 +1,4 @@
-"""Whatever a mesh file holds, its reader answers with a mesh that can be used or with FileFormatError."""
+"""Readers of meshes return a usable mesh or raise FileFormatError, for any content."""
 
 import struct
 
@@ -17,7 +17,7 @@ FACET = "facet normal 0 0 1\nouter loop\nvertex 0 0 1\nvertex 1 0 0\nvertex 0 1 
 STL = f"solid a b\n{FACET}endsolid\nsolid c\n{FACET}endsolid\n"
 BINARY_STL = b"solid".ljust(80) + struct.pack("<I", 2) + struct.pack("<12fH", *range(12), 0) * 2
 
-# Name: (a good file, words that such a file is made of).
+# Name: (a good file, words of such files).
 FORMATS = {
     "a.obj": (
         OBJ.encode(),
@@ -33,8 +33,8 @@ FORMATS = {
 
 
 def read_or_refused(path, content):
-    """The mesh, or None where the file was refused with one line that names it."""
-    path.unlink(missing_ok=True)  # to write over a file is many times slower on some disks than to write a new one
+    """The mesh, or None if the file is refused with one line that names it."""
+    path.unlink(missing_ok=True)  # replacing a file is much slower on some disks than writing a new one
     path.write_bytes(content)
     message = ""
     try:
@@ -102,7 +102,7 @@ def test_cut_anywhere(form):
 @settings(max_examples=40)
 @given(data=st.data())
 def test_any_polygons(tmp_path, data):
-    """On a small lattice, where corners coincide, sides overlap and polygons cross themselves all the time."""
+    """On a small lattice corners coincide, sides overlap and polygons cross themselves often."""
     height = data.draw(st.sampled_from([1, 3]))
     V = [
         [data.draw(st.integers(0, 3)), data.draw(st.integers(0, 3)), data.draw(st.integers(1, height))]

@@ -1,4 +1,4 @@
-"""Writing glTF: what was written reads back and keeps to the specification."""
+"""Writing glTF: files are read back and follow the specification."""
 
 import base64
 import json
@@ -23,7 +23,7 @@ def posed(parts, clip, frame):
     """The vertices of a clip's frame."""
     V = parts.mesh.V
     W = parts.influences.dense(len(V), len(parts.skeleton.names), "test")
-    # The file's are in single precision; far from the origin their sum must be one to the last digit.
+    # The file's weights have single precision; far from the origin their sum must be one to the last digit.
     W /= W.sum(axis=1, keepdims=True)
     return linear_blend_skinning(V, W, parts.clips[clip].B[frame])
 
@@ -210,7 +210,7 @@ def test_clips_that_do_not_fit_a_file_as_they_are(tmp_path):
     assert [clip.name for clip in back.clips] == ["still", "late"]
     assert back.clips[1].times.tolist() == [0, 1, 2]
     assert back.clips[1].B[:, 0, 2, 3].tolist() == [0, 2, 3]
-    # A clip that moves nothing still is one.
+    # A clip without motion is a clip.
     back, _ = written(tmp_path, Bundle(skeleton=skeleton, clips=(still,)))
     assert back.clips[0].B.tolist() == B[:1].tolist()
 

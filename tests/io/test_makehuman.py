@@ -95,7 +95,7 @@ def changed(*keys, value):
         ("[" * 100_000, ": the JSON is nested too deep"),
     ],
 )
-def test_what_is_no_skeleton(mhskel, content, message):
+def test_wrong_skeletons(mhskel, content, message):
     with pytest.raises(FileFormatError) as caught:
         mhskel(content)
     assert "a.mhskel:" in str(caught.value)
@@ -124,7 +124,7 @@ def test_weights(mhw):
         ('{"weights": {"arm": [[0, NaN]]}}', "NaN is not a finite number"),
     ],
 )
-def test_what_is_no_weights(mhw, content, message):
+def test_wrong_weights(mhw, content, message):
     with pytest.raises(FileFormatError) as caught:
         mhw(content)
     assert "a.mhw: " in str(caught.value)

@@ -69,7 +69,7 @@ def test_flat_triangles_are_turned_counter_clockwise(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply"])
-def test_an_empty_mesh_can_be_written_but_says_so_when_read(tmp_path, suffix):
+def test_an_empty_mesh_is_written_but_refused_when_read(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
     write_mesh(path, np.zeros((0, 3)), np.zeros((0, 3), int))
     with pytest.raises(FileFormatError, match=r"no vertex|the file is empty"):
@@ -92,7 +92,7 @@ def test_obj_forms_of_a_corner(obj, corner):
 
 
 def test_obj_keeps_order_and_number_of_vertices(obj, rng):
-    # Textured, with unused vertices and positions that stand twice: readers that merge or split vertices fail this.
+    # Textured, with unused vertices and repeated positions: readers that merge or split vertices fail.
     V = np.repeat(rng.normal(size=(4, 3)), 2, axis=0)
     U, F = obj(v(V[:5]) + "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 3/2 5/3\nf 1/3 3/1 5/2\n" + v(V[5:]) + "f 8/1 7/2 1/3\n")
     assert np.array_equal(U, V)
@@ -164,7 +164,7 @@ def test_obj_errors_name_file_and_line(obj, text, message):
 @pytest.mark.parametrize("rows_at_once", [1, 2**16])
 def test_ply_forms(ply, form, mixed, rows_at_once, monkeypatch):
     monkeypatch.setattr("nilbs.io.ply._ROWS", rows_at_once)
-    # Properties and elements that are not read stand between; faces of equal and of different lengths.
+    # Between are properties and elements that are not read; faces have equal and different lengths.
     header = (
         "comment made by hand\nobj_info none\nelement camera 1\nproperty double fov\n"
         "element vertex 4\nproperty uchar red\nproperty double x\nproperty float y\nproperty short z\n"

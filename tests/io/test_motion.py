@@ -100,17 +100,17 @@ def test_json_round_trip_of_all_that_a_bone_can_do(tmp_path, rng, d, r):
     )
     again = read_motion_json(tmp_path / "a.json", NAMES, d)
     assert np.array_equal(again.given, given, equal_nan=True)
-    # What is given as a transform has nothing beside it.
+    # An entry with a transform has no other parts.
     theta[3, 1], translation[3, 1], scale[3, 1] = 0, 0, 1
     assert np.allclose(again.theta, theta, rtol=1e-15, atol=1e-15)
-    for value, wanted in ((again.translation, translation), (again.scale, scale), (again.times, times)):
-        assert np.array_equal(value, wanted)
+    for value, expected in ((again.translation, translation), (again.scale, scale), (again.times, times)):
+        assert np.array_equal(value, expected)
     unknown = read_motion_json(tmp_path / "a.json")
     assert unknown.names == NAMES
     assert unknown.theta.shape == theta.shape
 
 
-def test_json_is_in_degrees_and_what_is_left_out_is_zero(motion):
+def test_json_is_in_degrees_and_missing_bones_have_zero(motion):
     frames = [{"bone1": [0, 0, 180]}, {"root_translation": [1, 2, 3.5]}, {}]
     found = motion({"frames": frames, "fps": 30})
     theta, translation = found.theta, found.root_translation
@@ -146,7 +146,7 @@ def test_json_times_of_frames_win_over_their_rate(motion):
     assert motion({"fps": 10, "frames": [{"time": 1}, {"time": 1.5}]}).times.tolist() == [1, 1.5]
 
 
-def test_json_of_more_poses_than_memory_is_refused(motion, monkeypatch):
+def test_json_of_too_many_poses_for_memory_is_refused(motion, monkeypatch):
     monkeypatch.setattr(motion_files, "_POSES", 5)
     assert len(motion({"frames": [{}, {}]}).theta) == 2
     with pytest.raises(FileFormatError, match="3 frames of 2 bones are too many"):
@@ -228,7 +228,7 @@ def test_write_json_checks_what_bones_do(tmp_path, wrong):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_endless_nesting_is_shown_in_few_words():
+def test_deep_nesting_is_reported_in_few_words():
     nested = []
     for _ in range(100_000):
         nested = [nested]

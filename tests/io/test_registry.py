@@ -1,4 +1,4 @@
-"""What a file holds follows from its suffix, and from its content where the suffix leaves it open."""
+"""The kind of a file follows from its suffix, and from its content if several kinds have the suffix."""
 
 import json
 
@@ -44,7 +44,7 @@ def test_weights_by_name_need_the_names(tmp_path):
 
 
 @pytest.mark.parametrize("data", [b"PK\x05\x06 and no archive", b"\x00"])
-def test_what_is_no_archive_is_named(tmp_path, data):
+def test_a_file_that_is_no_archive_is_named(tmp_path, data):
     path = tmp_path / "a.npz"
     path.write_bytes(data)
     with pytest.raises(FileFormatError, match=r"a\.npz: damaged \.npz file"):
@@ -77,7 +77,7 @@ def test_joints_that_are_means_of_vertices_need_the_mesh(tmp_path):
         read_bundle(tmp_path / "a.mhskel")
 
 
-def test_an_unknown_suffix_names_those_known():
+def test_the_error_of_an_unknown_suffix_lists_the_others():
     with pytest.raises(FileFormatError, match=r"must end in \.obj or .*\.glb"):
         read_bundle("a.docx")
 

@@ -121,7 +121,7 @@ def sparse(**changed):
         (sparse(indices=[0, 1, 2]), "J_regressor_indices must be (4)"),
     ],
 )
-def test_what_is_no_body(smpl, rng, changed, message):
+def test_wrong_bodies(smpl, rng, changed, message):
     arrays = {name: value for name, value in (body(rng) | changed).items() if value is not None}
     with pytest.raises(FileFormatError) as caught:
         smpl(arrays)

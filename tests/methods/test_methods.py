@@ -68,7 +68,7 @@ def test_baselines_answer_the_same_interface(method: str, d: int, baselines, tmp
 
 
 @pytest.mark.parametrize("method", ["nasa", "mlp", "snarf"])
-def test_what_knows_no_distance_says_so(method: str, baselines, queries) -> None:
+def test_a_method_without_distance_refuses_it(method: str, baselines, queries) -> None:
     model = baselines[method, 2]
     x, pose = queries(model, 20)
     with pytest.raises(ValueError, match=rf"{method} has no distance"):
@@ -77,19 +77,19 @@ def test_what_knows_no_distance_says_so(method: str, baselines, queries) -> None
 
 
 @pytest.mark.parametrize("method", ["nasa", "mlp", "mesh-lbs"])
-def test_what_knows_no_rest_images_says_so(method: str, baselines, queries) -> None:
+def test_a_method_without_canonical_points_refuses_them(method: str, baselines, queries) -> None:
     model = baselines[method, 2]
     x, pose = queries(model, 20)
-    for ask in (model.rest_points, lambda x, pose: model.values(np.atleast_1d, x, pose)):
+    for query in (model.rest_points, lambda x, pose: model.values(np.atleast_1d, x, pose)):
         with pytest.raises(ValueError, match=rf"{method} has no canonical points"):
-            ask(x, pose)
+            query(x, pose)
 
 
-def test_a_query_without_any_root_has_no_rest_image_and_is_outside(baselines, queries, monkeypatch) -> None:
+def test_a_query_without_a_root_has_no_canonical_point_and_is_outside(baselines, queries, monkeypatch) -> None:
     model = baselines["snarf", 2]
     x, pose = queries(model, 20)
     assert np.isfinite(model.rest_points(x, pose)).any()
-    monkeypatch.setattr("nilbs.methods.snarf.field.CONVERGED", -1.0)  # no search comes that near
+    monkeypatch.setattr("nilbs.methods.snarf.field.CONVERGED", -1.0)  # no search converges
     assert np.isnan(model.rest_points(x, pose)).all()
     np.testing.assert_array_equal(model.values(lambda x_rest: x_rest[:, 0], x, pose, outside=-1.0), -1.0)
 
@@ -137,7 +137,7 @@ def objective(character: Character, **changes) -> Objective:
     ("changes", "others"),
     [
         ({}, [WeightTerm]),
-        ({"weight_loss": 0.0}, [WeightTerm]),  # the position loss is its own too
+        ({"weight_loss": 0.0}, [WeightTerm]),  # the position loss is still there
         ({"weight_loss": 0.0, "position_loss": 0.0}, []),
         ({"forward": "network"}, [WeightTerm, ForwardWeightTerm]),
         ({"method": "nasa"}, [NasaWeightTerm]),
@@ -168,7 +168,7 @@ def test_the_losses_of_every_method(d: int, changes: dict, others: list, charact
 def test_where_labelled_points_are_drawn_by_error(changes: dict, adaptive: bool, absolute: bool, characters) -> None:
     occupancy = objective(characters[2], **changes).occupancy
     assert occupancy is not None
-    assert (occupancy.looks, occupancy.absolute) == (adaptive, absolute)
+    assert (occupancy.adaptive, occupancy.absolute) == (adaptive, absolute)
     assert occupancy.factor == 1
 
 
@@ -179,7 +179,7 @@ def test_labelled_points_are_bounded_for_motions_of_any_length(characters, monke
     assert occupancy.x.shape[:2] == (2, 30)
 
 
-def test_the_paper_knows_weights_at_rest_on_the_surface_alone(characters) -> None:
+def test_the_paper_has_weights_at_rest_on_the_surface_only(characters) -> None:
     c = characters[2]
     _, paper = objective(c, method="paper").terms
     _, volume = objective(c).terms

@@ -20,7 +20,7 @@ def bent(c, rng: np.random.Generator) -> np.ndarray:
     )[0]
 
 
-def ask(c, B: np.ndarray, x: np.ndarray):
+def answers(c, B: np.ndarray, x: np.ndarray):
     return ArrayField(NearestVertex(c.V, c.F, c.W)).posed(torch.as_tensor(B))(torch.as_tensor(x))
 
 
@@ -30,7 +30,7 @@ def test_a_rigid_motion_is_undone(d: int, characters, rng: np.random.Generator) 
     world = rigid_transforms(rotation_matrices(rng.normal(size=3 if d == 3 else 1)), rng.normal(size=d))
     B = np.repeat(world[None], len(c.skeleton.BE), axis=0)
     x_rest = rng.uniform(c.V.min(axis=0) - 0.1, c.V.max(axis=0) + 0.1, (500, d))
-    answer = ask(c, B, transform_points(world, x_rest))
+    answer = answers(c, B, transform_points(world, x_rest))
     np.testing.assert_allclose(answer.x_rest, x_rest, atol=1e-9)
     np.testing.assert_allclose(answer.distance, signed_distance(c.V, c.F, x_rest), atol=1e-9)
     np.testing.assert_array_equal(answer.level, answer.distance)
@@ -43,7 +43,7 @@ def test_it_equals_the_search_written_out(d: int, characters, rng: np.random.Gen
     B = bent(c, rng)
     U = linear_blend_skinning(c.V, c.W, B)
     x = rng.uniform(U.min(axis=0), U.max(axis=0), (30, d))
-    answer = ask(c, B, x)
+    answer = answers(c, B, x)
     for i in range(len(x)):
         vertex = np.linalg.norm(U - x[i], axis=1).argmin()
         x_rest = inverse_linear_blend_skinning(x[i : i + 1], c.W[vertex : vertex + 1], B)
@@ -56,23 +56,23 @@ def test_vertices_go_back_to_themselves_and_a_bent_body_is_about_right(d: int, c
     c = characters[d]
     B = bent(c, rng)
     U = linear_blend_skinning(c.V, c.W, B)
-    back = np.linalg.norm(ask(c, B, U).x_rest.numpy() - c.V, axis=1)
+    back = np.linalg.norm(answers(c, B, U).x_rest.numpy() - c.V, axis=1)
     assert np.quantile(back, 0.99) < 1e-9 * c.L
     x = rng.uniform(U.min(axis=0), U.max(axis=0), (3000, d))
-    assert ((ask(c, B, x).level < 0).numpy() == occupancy(U, c.F, x)).mean() > 0.97
+    assert ((answers(c, B, x).level < 0).numpy() == occupancy(U, c.F, x)).mean() > 0.97
 
     def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        distance = ask(c, B, x).distance.numpy()
+        distance = answers(c, B, x).distance.numpy()
         return distance, distance
 
     assert is_watertight(field_surface(levels, Grid.cube(U, 24))[1])
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_blend_without_an_inverse_is_surely_outside(d: int, characters) -> None:
+def test_a_point_whose_blend_has_no_inverse_is_outside(d: int, characters) -> None:
     c = characters[d]
     B = np.repeat(np.diag([0.0] * d + [1])[None], len(c.skeleton.BE), axis=0)
-    answer = ask(c, B, c.V[:5])
+    answer = answers(c, B, c.V[:5])
     assert (answer.distance > 5 * c.L).all()
     assert torch.isfinite(answer.x_rest).all()
 

@@ -29,16 +29,16 @@ def around(c, B: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
     return rng.uniform(U.min(axis=0) - pad, U.max(axis=0) + pad, (n, c.d))
 
 
-def slow_images(c, B: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Images (b, n, d), their exact distances and whether each lies in its own part; without a tree or a box."""
+def slow_parts(c, B: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Canonical points (b, n, d) by every bone, their distances, and which are in their own part; without a tree."""
     places, W = np.concatenate([c.V, c.V_volume]), np.concatenate([c.W, c.W_volume])
-    images = np.array([transform_points(np.linalg.inv(B[b]), x) for b in range(len(B))])
-    distance, own = np.empty(images.shape[:2]), np.empty(images.shape[:2], dtype=bool)
+    x_rest = np.array([transform_points(np.linalg.inv(B[b]), x) for b in range(len(B))])
+    distance, own = np.empty(x_rest.shape[:2]), np.empty(x_rest.shape[:2], dtype=bool)
     for b in range(len(B)):
-        distance[b] = signed_distance(c.V, c.F, images[b])
+        distance[b] = signed_distance(c.V, c.F, x_rest[b])
         for i in range(len(x)):
-            own[b, i] = W[np.linalg.norm(places - images[b, i], axis=1).argmin()].argmax() == b
-    return images, distance, own
+            own[b, i] = W[np.linalg.norm(places - x_rest[b, i], axis=1).argmin()].argmax() == b
+    return x_rest, distance, own
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -47,14 +47,14 @@ def test_it_equals_the_union_written_out(d: int, characters, rng: np.random.Gene
     B = bent(c, rng)
     x = around(c, B, 300, rng)
     answer = rigid(c).posed(torch.as_tensor(B))(torch.as_tensor(x))
-    images, distance, own = slow_images(c, B, x)
+    x_rest, distance, own = slow_parts(c, B, x)
     level = np.where(own, distance, np.inf).min(axis=0)
     inside = level < 0
     assert 30 < inside.sum() < 270
     np.testing.assert_array_equal(answer.level < 0, inside)
     np.testing.assert_allclose(answer.distance[inside], level[inside], atol=1e-12)
     deepest = np.where(own, distance, np.inf).argmin(axis=0)
-    chosen = images[deepest, np.arange(len(x))]
+    chosen = x_rest[deepest, np.arange(len(x))]
     np.testing.assert_allclose(answer.x_rest[inside], chosen[inside], atol=1e-12)
     assert (answer.distance[~inside] > 0).all()
     np.testing.assert_array_equal(answer.level, answer.distance)
@@ -68,12 +68,12 @@ def test_outside_the_distance_is_no_more_than_to_any_part(d: int, characters, rn
     field = rigid(c).posed(torch.as_tensor(B))
     x = around(c, B, 2000, rng)
     distance = field(torch.as_tensor(x)).distance.numpy()
-    # Points that are known to lie in a posed part: the nearest of them is about as far as the part.
+    # Points of posed parts: the nearest of them is about as far as the part.
     held, outside = x[distance < 0], distance > 0
-    gap = np.linalg.norm(x[outside][:, None] - held, axis=2).min(axis=1)
-    assert (distance[outside] <= gap + 1e-5).all()
-    # And it is not idle.
-    assert np.median(distance[outside] / gap) > 0.5
+    nearest = np.linalg.norm(x[outside][:, None] - held, axis=2).min(axis=1)
+    assert (distance[outside] <= nearest + 1e-5).all()
+    # And it is not far below.
+    assert np.median(distance[outside] / nearest) > 0.5
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -106,8 +106,8 @@ def test_blocks_that_extraction_passes_over_hold_no_surface(d: int, characters, 
         return distance, distance
 
     grid = Grid.cube(linear_blend_skinning(c.V, c.W, B), {2: 96, 3: 64}[d])
-    coarse, asked = node_levels(levels, grid, stride=4)
-    assert asked < coarse.size
+    coarse, queries = node_levels(levels, grid, stride=4)
+    assert queries < coarse.size
     np.testing.assert_array_equal(coarse.ravel() < 0, levels(grid.points())[0] < 0)
 
 

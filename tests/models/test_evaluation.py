@@ -29,7 +29,7 @@ SCORES = {
 
 @dataclass
 class StandIn:
-    """Answers as a model does, from the posed mesh itself: rightly, never, or the wrong way round."""
+    """A model whose answers come from the posed mesh: always right, always outside, or always inverted."""
 
     character: Character
     motion: Motion
@@ -42,7 +42,7 @@ class StandIn:
         return PosedMesh(linear_blend_skinning(c.V, c.W, pose), c.F)
 
     def kind(self, pose: np.ndarray) -> str:
-        """The first kind answers the first frame of the motion, and so on; the last answers all others."""
+        """The kind of answers in a pose: kinds[k] in frame k of the motion, the last in all other poses."""
         known = [k for k in range(len(self.motion)) if np.array_equal(pose, self.motion[k])]
         return self.kinds[min(known[0] if known else len(self.kinds), len(self.kinds) - 1)]
 
@@ -88,7 +88,7 @@ def test_a_perfect_an_empty_and_an_inverted_prediction(d: int, characters) -> No
     seen = evaluate(model, points=800, resolution=24, poses=["seen"]).values["poses"]["seen"]
     assert seen["iou_bbox"]["frames"] == [1, 0, 0]
     assert seen["iou_surface"]["frames"] == [1, 0, 0]
-    # What an empty mesh has not is null, in a frame and of all.
+    # Scores that an empty mesh does not have are null, in a frame and overall.
     for name in ("chamfer_l1", "hausdorff", "p95", "normal_consistency"):
         perfect, empty, inverted = seen[name]["frames"]
         assert empty is None
@@ -101,11 +101,11 @@ def test_a_perfect_an_empty_and_an_inverted_prediction(d: int, characters) -> No
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_points_fill_the_cube_and_cling_to_the_surface(d: int, characters, monkeypatch) -> None:
-    c, asked = characters[d], []
+    c, queries = characters[d], []
     model = stand_in(c, "perfect", frames=1)
-    monkeypatch.setattr(PosedStandIn, "occupancy", lambda self, x: (asked.append(x), np.zeros(len(x)))[1])
+    monkeypatch.setattr(PosedStandIn, "occupancy", lambda self, x: (queries.append(x), np.zeros(len(x)))[1])
     evaluate(model, points=4000, resolution=4, poses=["seen"])
-    bbox, surface = asked
+    bbox, surface = queries
     U = linear_blend_skinning(c.V, c.W, model.motion[0])
     cube = Grid.cube(U, 1)
     np.testing.assert_allclose(bbox.min(axis=0), cube.lower, atol=0.01)
@@ -122,7 +122,7 @@ def test_a_prediction_that_is_always_empty_has_scores_without_a_value(characters
     assert " - " in str(scores)
 
 
-def test_a_mean_over_frames_without_a_surface_is_not_told(characters) -> None:
+def test_a_mean_over_frames_without_a_surface_is_null(characters) -> None:
     model = stand_in(characters[2], "perfect", "empty", "perfect")
     seen = evaluate(model, points=100, resolution=8, poses=["seen"]).values["poses"]["seen"]
     assert [frame is None for frame in seen["chamfer_l1"]["frames"]] == [False, True, False]
@@ -132,12 +132,14 @@ def test_a_mean_over_frames_without_a_surface_is_not_told(characters) -> None:
     assert seen["iou_bbox"]["mean"] == pytest.approx(2 / 3)
 
 
-def test_seconds_are_of_as_many_points_and_share_the_time_to_be_told_a_pose(characters, monkeypatch) -> None:
+def test_seconds_are_those_of_the_same_number_of_points_and_both_sets_share_the_start_of_a_pose(
+    characters, monkeypatch
+) -> None:
     model, clock = stand_in(characters[2], "perfect", frames=3), count()
-    monkeypatch.setattr("nilbs.models.evaluation.perf_counter", lambda: next(clock))  # every question takes a second
+    monkeypatch.setattr("nilbs.models.evaluation.perf_counter", lambda: next(clock))  # every query takes a second
     for ious in (IOUS, IOUS[:1]):
         scores = evaluate(model, points=50, resolution=0, poses=["seen"], rows=["floor", "nearest"], ious=ious)
-        # 50 points of each set in a second are 100,000 in 2000 seconds, or in half of it where two sets share it.
+        # 50 points of each set in a second are 100,000 in 2000 seconds, or in half of that if two sets share it.
         expected = 2000 / len(ious)
         assert scores.values["query_seconds"] == {"": expected, "nearest": expected}
 
@@ -160,7 +162,7 @@ def test_the_worst_frame_is_the_lowest_or_the_highest(characters) -> None:
     assert seen["hausdorff"]["worst"] == seen["hausdorff"]["frames"][1]
 
 
-def test_one_of_the_two_point_sets_is_scored_as_it_is_beside_the_other(characters) -> None:
+def test_each_point_set_has_the_same_scores_without_the_other(characters) -> None:
     model = stand_in(characters[2], "perfect", frames=3)
     options = {"points": 300, "resolution": 8, "poses": ["seen"], "rows": ["nearest"]}
     both = evaluate(model, **options).values
@@ -214,24 +216,24 @@ def test_the_floor_is_the_perfect_prediction(characters) -> None:
     without = evaluate(model, points=300, resolution=16, poses=["seen", "far"]).values
     assert without["rows"] == {}
     assert without["poses"] == values["poses"]
-    # It is the truth's, whatever the model says.
+    # It is the truth's for any model.
     blind = evaluate(stand_in(characters[2], "empty"), points=300, resolution=16, poses=["seen", "far"], rows=["floor"])
     assert blind.values["rows"] == values["rows"]
 
 
-def test_the_seed_and_nothing_else_is_chance(characters, models) -> None:
+def test_only_the_seed_changes_random_numbers(characters, models) -> None:
     options = {"points": 200, "resolution": 12, "poses": ["unseen"]}
     first = evaluate(models[2], **options).values
     assert evaluate(models[2], **options).values | {"query_seconds": first["query_seconds"]} == first
     assert evaluate(models[2], seed=1, **options).values["poses"] != first["poses"]
     seen = [evaluate(models[2], seed=seed, **(options | {"poses": ["seen"]})).values for seed in (0, 1)]
     assert seen[0]["poses"] != seen[1]["poses"]
-    # A set's scores do not depend on which others are asked for.
+    # A set's scores do not depend on the other sets.
     both = evaluate(models[2], **(options | {"poses": ["seen", "unseen"]})).values
     assert both["poses"]["unseen"] == first["poses"]["unseen"]
 
 
-def test_the_table_says_what_it_was_taken_with(models, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_table_contains_its_settings(models, capsys: pytest.CaptureFixture[str]) -> None:
     table = str(evaluate(models[3], points=100, resolution=8, poses=["seen"], rows=["floor"], progress=True))
     for part in (f"L {models[3].character.L:.4g}", "noise 0.006 L", "100 points", "resolution 8", "seed 0", "30 steps",
                  "random, amplitude 0.4 rad rms, 6 frames, seed 0", "\nseen ", "\nfloor seen "):  # fmt: skip
@@ -256,7 +258,7 @@ def test_the_table_says_what_it_was_taken_with(models, capsys: pytest.CaptureFix
         ),
     ],
 )
-def test_what_cannot_be_scored_is_refused(options: dict, message: str, characters) -> None:
+def test_wrong_arguments_are_refused(options: dict, message: str, characters) -> None:
     with pytest.raises(ValueError) as caught:
         evaluate(stand_in(characters[2], "perfect"), **options)
     assert str(caught.value).startswith(message)
@@ -276,8 +278,8 @@ def test_interpolated_poses_are_half_way_in_evenly_spaced_gaps(d: int, character
     assert len(B) == 10
     middle, _ = local_rotations(c.skeleton.C, c.skeleton.BE, c.skeleton.P, B)
     theta, _ = local_rotations(c.skeleton.C, c.skeleton.BE, c.skeleton.P, motion.B)
-    for k, gap in enumerate(range(0, 20, 2)):
-        R0, R1, R = (rotation_matrices(angles) for angles in (theta[gap], theta[gap + 1], middle[k]))
+    for k, first in enumerate(range(0, 20, 2)):
+        R0, R1, R = (rotation_matrices(angles) for angles in (theta[first], theta[first + 1], middle[k]))
         # Half-way: the step from the first to the middle, made twice, arrives.
         step = np.swapaxes(R0, 1, 2) @ R
         np.testing.assert_allclose(R0 @ step @ step, R1, atol=1e-9)
@@ -333,7 +335,7 @@ def test_rows_of_the_model_s_own_map_and_of_the_nearest_vertex(d: int, models) -
     assert again.values["poses"] == {"unseen": values["rows"]["inverse"]["unseen"]}
 
 
-def test_surfaces_may_be_left_out_and_other_poses_and_noises_asked_for(characters) -> None:
+def test_surfaces_poses_and_noise_can_be_chosen(characters) -> None:
     model = stand_in(characters[2], "perfect")
     scores = evaluate(model, points=50, resolution=0, noise=0.02, poses=["random 0.5", "random 0.6"]).values
     assert scores["noise"] == 0.02
@@ -345,16 +347,16 @@ def test_surfaces_may_be_left_out_and_other_poses_and_noises_asked_for(character
     assert np.abs(first - second).max() > 0.5
 
 
-def test_points_are_as_far_from_the_surface_as_asked_for(characters, monkeypatch) -> None:
-    c, asked = characters[2], []
+def test_points_have_the_given_distance_from_the_surface(characters, monkeypatch) -> None:
+    c, queries = characters[2], []
     model = stand_in(c, "perfect", frames=1)
-    monkeypatch.setattr(PosedStandIn, "occupancy", lambda self, x: (asked.append(x), np.zeros(len(x)))[1])
+    monkeypatch.setattr(PosedStandIn, "occupancy", lambda self, x: (queries.append(x), np.zeros(len(x)))[1])
     evaluate(model, points=4000, resolution=0, noise=0.02, poses=["seen"])
-    distance = signed_distance(linear_blend_skinning(c.V, c.W, model.motion[0]), c.F, asked[1])
+    distance = signed_distance(linear_blend_skinning(c.V, c.W, model.motion[0]), c.F, queries[1])
     assert np.sqrt((distance**2).mean()) == pytest.approx(0.02 * c.L, rel=0.15)
 
 
-def test_random_poses_have_the_spread_that_their_name_says(characters) -> None:
+def test_random_poses_have_the_spread_of_their_name(characters) -> None:
     c = characters[2]
     B = np.concatenate([evaluation_poses(c, random_motion(c, frames=2), "random 0.5", seed=s) for s in range(60)])
     theta, _ = local_rotations(c.skeleton.C, c.skeleton.BE, c.skeleton.P, B)
@@ -396,11 +398,11 @@ def test_distances_are_those_of_the_method_that_has_them(characters, models) -> 
         evaluate(models[2], distances=True, rows=["nearest"])
 
 
-def test_controls_are_asked_once_for_a_set_of_poses(characters, monkeypatch) -> None:
-    asked: list[int] = []
+def test_controls_are_evaluated_once_for_a_set_of_poses(characters, monkeypatch) -> None:
+    counts: list[int] = []
     inside = PosedMesh.inside
-    monkeypatch.setattr(PosedMesh, "inside", lambda self, x: (asked.append(len(x)), inside(self, x))[1])
+    monkeypatch.setattr(PosedMesh, "inside", lambda self, x: (counts.append(len(x)), inside(self, x))[1])
     model = stand_in(characters[2], "perfect", frames=3)
     evaluate(model, points=30, resolution=0, poses=["seen", "interpolated"])
     # Two sets of points in five poses, by truth and prediction; and those of two poses once more.
-    assert asked == [30] * (2 * 2 * 5 + 2 * 2)
+    assert counts == [30] * (2 * 2 * 5 + 2 * 2)

@@ -27,7 +27,7 @@ def test_answers_have_their_shapes_and_ranges(d: int, models, queries) -> None:
     inside = 1 / (1 + np.exp(np.clip(cached / model.method.cache_width, -50, 50)))
     np.testing.assert_allclose(model.occupancy(x, pose, mapping="inverse", ghost=False), inside, atol=1e-4)
     np.testing.assert_allclose(occupancy, (1 - W[:, -1]) * inside, atol=1e-4)
-    # Distance is the cached one, but for points inside that the ghost bone rules out.
+    # Distance is the cached one, except at points inside that the ghost bone rules out.
     distance = model.distance(x, pose, mapping="inverse") / model.character.L
     overruled = (cached < 0) & (occupancy < 0.5)
     np.testing.assert_allclose(distance[~overruled], cached[~overruled], atol=1e-6)
@@ -35,7 +35,7 @@ def test_answers_have_their_shapes_and_ranges(d: int, models, queries) -> None:
 
 
 @DIMENSIONS
-def test_rest_points_invert_the_blend_of_the_weights_answered(d: int, models, queries) -> None:
+def test_rest_points_invert_the_blend_of_the_returned_weights(d: int, models, queries) -> None:
     model = models[d]
     x, pose = queries(model, 200)
     W = model.weights(x, pose).astype(np.float64)
@@ -62,7 +62,7 @@ def test_a_rigidly_moved_query_is_answered_as_at_rest(d: int, far: float, models
 
 
 @DIMENSIONS
-def test_in_double_precision_a_rigid_motion_leaves_nothing(d: int, saved, queries, rigid) -> None:
+def test_in_double_precision_a_rigid_motion_changes_nothing(d: int, saved, queries, rigid) -> None:
     model = load_model(saved[d]).to(dtype=torch.float64)
     x, pose = queries(model, 300)
     world = rigid(d)
@@ -90,7 +90,7 @@ def test_tensors_are_answered_as_arrays_are(d: int, models, queries) -> None:
 
 
 @DIMENSIONS
-def test_rest_points_are_posed_where_they_were_asked(d: int, models, rng: np.random.Generator) -> None:
+def test_rest_points_are_posed_to_the_query(d: int, models, rng: np.random.Generator) -> None:
     model = models[d]
     c, pose = model.character, model.motion[3]
     inner = rng.dirichlet(np.ones(d + 1), 300)
@@ -98,7 +98,7 @@ def test_rest_points_are_posed_where_they_were_asked(d: int, models, rng: np.ran
     x_rest, W = (np.einsum("nc,nci->ni", inner, values[element]) for values in (c.V_volume, c.W_volume))
     x = linear_blend_skinning(x_rest, W, pose)
     assert (model.occupancy(x, pose) > 0.5).mean() > 0.97
-    # Each is posed from where it is found, as far as the coarse grid of weights tells.
+    # Each is posed to its query, up to the error of the coarse grid of weights.
     missed = np.linalg.norm(model.rest_points(x, pose) - x_rest, axis=1)
     assert np.quantile(missed, 0.9) < 0.03 * c.L
 
@@ -126,7 +126,7 @@ def test_devices_are_checked_by_name() -> None:
         (torch.zeros((2, 2)), torch.full((13, 3, 3), torch.nan), r"pose has numbers that are not finite$"),
     ],
 )
-def test_what_are_no_tensors_of_points_and_poses_is_refused(x, pose, message: str, models) -> None:
+def test_wrong_tensors_of_points_and_poses_are_refused(x, pose, message: str, models) -> None:
     known = torch.as_tensor(models[2].motion[0])
     with pytest.raises(ValueError, match=f"^{message}"):
         models[2].answer(x, known if pose is None else pose)

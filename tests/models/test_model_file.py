@@ -15,7 +15,7 @@ ANSWERS = ("occupancy", "distance", "weights")
 
 
 @DIMENSIONS
-def test_what_was_saved_is_loaded(d: int, models, saved, queries) -> None:
+def test_a_saved_model_is_loaded(d: int, models, saved, queries) -> None:
     model, again = models[d], load_model(saved[d])
     arrays = again.character.arrays()
     assert arrays.keys() == model.character.arrays().keys()
@@ -169,7 +169,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         ),
     ],
 )
-def test_an_archive_that_is_no_complete_model_is_refused(change, message: str, saved, tmp_path: Path) -> None:
+def test_an_archive_without_a_complete_model_is_refused(change, message: str, saved, tmp_path: Path) -> None:
     contents, text = read_archive(saved[2], kind=KIND)
     change(contents, text)
     write_archive(tmp_path / "odd.nilbs", contents, text, kind=KIND)
@@ -178,7 +178,7 @@ def test_an_archive_that_is_no_complete_model_is_refused(change, message: str, s
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_cannot_be_written_leaves_what_was_there(models, saved, tmp_path: Path, monkeypatch) -> None:
+def test_a_file_that_cannot_be_written_keeps_its_old_content(models, saved, tmp_path: Path, monkeypatch) -> None:
     before = saved[2].read_bytes()
 
     def full(descriptor: int) -> None:
@@ -193,7 +193,7 @@ def test_a_file_that_cannot_be_written_leaves_what_was_there(models, saved, tmp_
 
 @pytest.mark.parametrize("name", ["nilbs", "paper", "nasa", "nearest"])
 def test_models_of_the_last_file_version_are_read(name: str, tmp_path: Path) -> None:
-    # Written by the version before, with the occupancies that it computed.
+    # Files of the last version, with the occupancies that it computed.
     model, known = load_model(VERSION_5 / f"{name}.nilbs"), np.load(VERSION_5 / "occupancy.npz")
     assert model.method.name == name
     np.testing.assert_allclose(model.occupancy(known["x"], known["pose"]), known[name], atol=1e-5)

@@ -32,7 +32,7 @@ def test_a_body_twice_as_large_has_distances_twice_as_large(d: int, models, rng:
 def test_where_skinning_stretches_the_posed_distance_is_nearer_the_truth(d: int, models, rng) -> None:
     model = models[d]
     c = model.character
-    # Wider by half across the first axis, and every bone alike, so that truth is the posed mesh's own distance.
+    # All bones widen the body by half along one axis, so the truth is the posed mesh's own distance.
     wide = np.repeat(np.diag([1.0, *[1.5] * (d - 1), 1.0])[None], len(c.skeleton.BE), axis=0)
     U = linear_blend_skinning(c.V, c.W, wide)
     x = U + 0.01 * c.L * rng.normal(size=U.shape)
@@ -62,7 +62,7 @@ def test_no_points(d: int, models) -> None:
 
 
 @DIMENSIONS
-def test_what_is_no_query_is_refused(d: int, models) -> None:
+def test_wrong_queries_are_refused(d: int, models) -> None:
     model = models[d]
     b, pose = len(model.character.skeleton.BE), model.motion[0]
     with pytest.raises(ValueError, match=rf"^pose must be \(b, d\+1, d\+1\) = \({b}, {d + 1}, {d + 1}\), got \(1,"):
@@ -89,7 +89,7 @@ def test_the_surface_is_closed_and_occupancy_is_one_half_on_it(d: int, models) -
     missed = np.median(np.abs(model.distance(U, pose)))
     assert missed < 0.25 * model.character.L / 40
     assert np.median(np.abs(model.distance(model.extract(pose, resolution=120)[0], pose))) < 0.5 * missed
-    # Asking coarsely first saves work and changes nothing.
+    # Coarse queries first save work and change nothing.
     grid = Grid.cube(linear_blend_skinning(model.character.V, model.character.W, pose), 40)
     everywhere = model.posed(pose).extract_on(grid, stride=1)
     np.testing.assert_allclose(U, everywhere[0], atol=1e-6)
@@ -119,37 +119,37 @@ def test_the_forward_map_poses_the_vertices(d: int, models, rigid) -> None:
 
 
 @DIMENSIONS
-def test_any_field_known_at_rest_is_read_at_the_rest_images(d: int, models, queries) -> None:
+def test_any_field_given_at_rest_is_read_at_the_canonical_points(d: int, models, queries) -> None:
     model = models[d]
     x, pose = queries(model, 400)
-    inside, images = model.occupancy(x, pose) > 0.5, model.rest_points(x, pose)
+    inside, x_rest = model.occupancy(x, pose) > 0.5, model.rest_points(x, pose)
     colour = model.values(lambda x_rest: x_rest**2, x, pose)
-    np.testing.assert_allclose(colour[inside], images[inside] ** 2)
+    np.testing.assert_allclose(colour[inside], x_rest[inside] ** 2)
     assert np.isnan(colour[~inside]).all()
     density = model.values(lambda x_rest: x_rest[:, 0], x, pose, outside=-5.0)
-    np.testing.assert_allclose(density, np.where(inside, images[:, 0], -5))
+    np.testing.assert_allclose(density, np.where(inside, x_rest[:, 0], -5))
     message = rf"rest field .* {inside.sum()} points, got an array \(3,\)$"
     with pytest.raises(ValueError, match=message):
         model.values(lambda x_rest: np.zeros(3), x, pose)
 
 
 @DIMENSIONS
-def test_a_failure_on_the_way_leaves_derivatives_to_be_had(d: int, models, queries, monkeypatch) -> None:
+def test_derivatives_are_possible_after_a_failure(d: int, models, queries, monkeypatch) -> None:
     model = models[d]
     x, pose = queries(model, 40)
     monkeypatch.setattr(nilbs.models.posed_model, "CHUNK", 10)
-    whole, asked = PosedSearch.__call__, []
+    whole, sizes = PosedSearch.__call__, []
 
     def fails(self: PosedSearch, chunk: torch.Tensor) -> Answer:
-        asked.append(len(chunk))
-        if len(asked) == 3:
+        sizes.append(len(chunk))
+        if len(sizes) == 3:
             raise MemoryError
         return whole(self, chunk)
 
     monkeypatch.setattr(PosedSearch, "__call__", fails)
     with pytest.raises(MemoryError):
         model.distance(x, pose)
-    assert asked == [10, 10, 10]
+    assert sizes == [10, 10, 10]
     assert not torch.is_inference_mode_enabled()
     place = torch.as_tensor(x[:5]).requires_grad_()
     model.answer(place, torch.as_tensor(pose)).distance.sum().backward()
@@ -171,6 +171,6 @@ def test_points_that_single_precision_cannot_hold_are_refused(d: int, models, qu
 def test_points_may_lie_in_memory_in_any_order(d: int, models, queries) -> None:
     model = models[d]
     x, pose = queries(model, 30)
-    # A point's place among the others may change its last digit.
+    # A point's index may change its last digit.
     np.testing.assert_allclose(model.occupancy(x[::-1], pose), model.occupancy(x, pose)[::-1], rtol=1e-5)
     np.testing.assert_allclose(model.posed_distance(x[::-3], pose), model.posed_distance(x, pose)[::-3], rtol=1e-5)

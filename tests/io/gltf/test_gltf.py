@@ -12,7 +12,7 @@ from .files import TRIANGLE, File, animate, matrix, quaternion, worlds
 
 
 def skin_vertices(G, joints, bind, J, W, v):
-    """The specification of a skin, as loops."""
+    """The specification's skinning, as loops."""
     posed = np.zeros((len(v), 3))
     for i in range(len(v)):
         for j, w in zip(J[i], W[i], strict=True):
@@ -27,12 +27,10 @@ def posed(parts, clip=None, frame=0):
     return linear_blend_skinning(V, W, parts.clips[clip].B[frame])
 
 
-def test_a_skin_at_rest_and_moved_as_the_specification_says(character, tmp_path, rng):
+def test_a_skin_at_rest_and_moved_as_in_the_specification(character, tmp_path, rng):
     file = character
     turns = np.array([quaternion(rng) for _ in range(3)])
-    turns[2] *= -np.sign(
-        turns[1] @ turns[2]
-    )  # the other sign: the same rotation, and the way to it stays the short one
+    turns[2] *= -np.sign(turns[1] @ turns[2])  # the other sign: the same rotation, reached on the short way
     turns = turns.tolist()
     moves = rng.normal(size=(2, 3)).tolist()
     channels = [
@@ -131,7 +129,7 @@ def test_all_sets_of_weights(character, tmp_path, rng, kind, scale, joint_kind):
     W = np.round(rng.random((12, 8)) * scale * 0.5) if scale > 1 else rng.random((12, 8)).astype("f4")
     W[:, 5] = 0
     J = rng.integers(0, 4, (12, 8))
-    J[:, 5] = 200  # where there is no weight nobody looks
+    J[:, 5] = 200  # joints without weight are not read
     attributes = file.root["meshes"][0]["primitives"][0]["attributes"]
     for s in (0, 1):
         attributes[f"JOINTS_{s}"] = file.accessor(J[:, 4 * s : 4 * s + 4], joint_kind)
@@ -172,7 +170,7 @@ def test_strips_fans_and_meshes_without_indices(tmp_path):
     file.node(mesh=file.mesh({"POSITION": V}))
     file.node(mesh=file.mesh({"POSITION": V}, mode=1))
     parts = file.read(tmp_path)
-    strip = [[0, 1, 2], [1, 3, 2], [3, 4, 5]]  # the odd ones are turned; those that sew are gone
+    strip = [[0, 1, 2], [1, 3, 2], [3, 4, 5]]  # odd triangles are turned, degenerate ones are left out
     fan = [[6, 7, 8], [6, 8, 9], [6, 9, 10], [6, 10, 11]]
     assert parts.mesh.E.tolist() == [*strip, *fan, [12, 13, 14], [15, 16, 17]]
     assert len(parts.mesh.V) == 18
@@ -192,7 +190,7 @@ def test_meshes_stand_where_their_nodes_do(tmp_path, rng):
     parts = file.read(tmp_path)
     mirrored = transform_points(turned @ np.diag([-1.0, 1, 1, 1]), TRIANGLE)
     np.testing.assert_allclose(parts.mesh.V, [*mirrored, *TRIANGLE], atol=1e-12)
-    assert parts.mesh.E.tolist() == [[2, 1, 0], [3, 4, 5]]  # what is mirrored is turned round
+    assert parts.mesh.E.tolist() == [[2, 1, 0], [3, 4, 5]]  # mirrored triangles are turned
     assert {k: v.tolist() for k, v in parts.mesh.groups.items()} == {"second": [0], "wedge": [0, 1]}
 
 
@@ -271,7 +269,7 @@ def test_skins_are_united_by_their_joints(character, tmp_path, rng):
         attributes = {"POSITION": file.accessor(TRIANGLE), "JOINTS_0": file.accessor(np.zeros((3, 4)), "u1")}
         mesh = file.mesh({**attributes, "WEIGHTS_0": file.accessor(W)}, [0, 1, 2])
         file.node(mesh=mesh, skin=len(file.root["skins"]) - 1)
-    # Posed otherwise at rest: what is bound stays together all the same.
+    # Another pose at rest: what is bound stays together.
     file.root["nodes"][5]["rotation"] = quaternion(rng)
     parts = file.read(tmp_path)
     assert parts.skeleton.names == ("hip", "leg", "arm", "hand", "hand_2")

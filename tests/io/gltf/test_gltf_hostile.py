@@ -1,4 +1,4 @@
-"""Reading glTF of strangers: lies are caught, nothing outside the file's folder is read, any bytes end well."""
+"""Reading untrusted glTF: wrong claims are refused, no file outside the folder is read, any bytes end well."""
 
 import base64
 import json
@@ -133,7 +133,7 @@ def ring(root):
 
 
 FAR_INDEX = {"count": 1, "indices": {"componentType": 5125, "bufferView": 3}, "values": {"bufferView": 1}}
-LIES = {
+CLAIMS = {
     "version": (put("1.0", "asset", "version"), "glTF 1.0"),
     "no version": (put({}, "asset"), "of no version"),
     "asset": (put([], "asset"), "'asset' must be an object|asset must be an object"),
@@ -224,9 +224,9 @@ LIES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("lie", LIES)
-def test_wrong_claims_are_refused(character, tmp_path, lie):
-    make, match = LIES[lie]
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_wrong_claims_are_refused(character, tmp_path, claim):
+    make, match = CLAIMS[claim]
     refused(tmp_path, make(character), match)
 
 

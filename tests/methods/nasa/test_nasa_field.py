@@ -28,7 +28,7 @@ def apply(transform: np.ndarray, x: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("deformable", [False, True])
 @pytest.mark.parametrize("depth", [1, 4])
-def test_parts_side_by_side_equal_one_network_after_the_other(d: int, deformable: bool, depth: int, rng) -> None:
+def test_stacked_parts_equal_one_network_after_the_other(d: int, deformable: bool, depth: int, rng) -> None:
     net, B, x = field(d, deformable, depth=depth, root=1), poses(d, 2, rng), rng.normal(size=(2, 4, d))
     parts = net.part_logits(torch.as_tensor(x), torch.as_tensor(B)).detach().numpy()
     assert parts.shape == (2, BONES, 4)
@@ -56,7 +56,7 @@ def test_parts_side_by_side_equal_one_network_after_the_other(d: int, deformable
 
 
 @pytest.mark.parametrize("n", [0, 1, 129, 300])
-def test_pieces_of_points_are_answered_as_all_at_once(n: int, rng: np.random.Generator) -> None:
+def test_chunks_of_points_have_the_answers_of_all_at_once(n: int, rng: np.random.Generator) -> None:
     net, B, x = field(3, True, width=2048), torch.as_tensor(poses(3, 1, rng)), torch.as_tensor(rng.normal(size=(n, 3)))
     assert net.piece == 128
     with torch.no_grad():
@@ -78,7 +78,7 @@ def test_the_world_moves_and_the_answers_stay(d: int, deformable: bool, rng: np.
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_only_a_deformable_part_feels_the_other_bones(d: int, rng: np.random.Generator) -> None:
+def test_only_a_deformable_part_depends_on_the_other_bones(d: int, rng: np.random.Generator) -> None:
     B, x = poses(d, 2, rng), torch.as_tensor(rng.normal(size=(2, 9, d)))
     B[1] = B[0]
     B[1, 2] = poses(d, 1, rng)[0, 0]  # another place for the last bone alone
@@ -93,7 +93,7 @@ def test_only_a_deformable_part_feels_the_other_bones(d: int, rng: np.random.Gen
 
 @pytest.mark.parametrize("deformable", [False, True])
 def test_in_the_unit_frame_the_root_joint_stays(deformable: bool, rng: np.random.Generator) -> None:
-    # Bones that do not move see it where it is at rest, whatever the others do.
+    # Parts of bones that do not move do not depend on the others.
     net, B = field(3, deformable), torch.as_tensor(poses(3, 1, rng))
     B[:, 0] = torch.eye(4)
     linear, offset = net.encoding(B)
@@ -110,7 +110,7 @@ def test_derivatives_by_points_and_parameters(d: int, deformable: bool, rng: np.
     net, B = field(d, deformable, width=3, depth=2), torch.as_tensor(poses(d, 2, rng))
     x = torch.as_tensor(rng.normal(size=(2, 2, d))).requires_grad_()
     parameters = list(net.parameters())
-    # The parameters are changed in place, so the field need not be told of them.
+    # The parameters are changed in place, so they need not be passed to the field.
     assert torch.autograd.gradcheck(lambda x, *_: net.logit(x, B), (x, *parameters))
     assert all(parameter.ndim == 3 for parameter in parameters)
 
@@ -135,8 +135,8 @@ def test_the_weight_loss_written_out(d: int, rng: np.random.Generator) -> None:
     for pose in B:
         x = linear_blend_skinning(V, W, pose)
         parts = net.part_logits(torch.as_tensor(x)[None], torch.as_tensor(pose)[None])[0].detach()
-        wanted = 0.5 * np.eye(BONES)[W.argmax(axis=1)].T
-        expected += ((torch.sigmoid(parts).numpy() - wanted) ** 2).mean() / len(B)
+        expected_parts = 0.5 * np.eye(BONES)[W.argmax(axis=1)].T
+        expected += ((torch.sigmoid(parts).numpy() - expected_parts) ** 2).mean() / len(B)
     assert term(np.random.default_rng(1)).item() == pytest.approx(expected, rel=0.03)
     assert term(np.random.default_rng(1)).item() == term(np.random.default_rng(1)).item()
 

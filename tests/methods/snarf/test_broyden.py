@@ -32,7 +32,7 @@ def twin(x: np.ndarray, start: np.ndarray, J: np.ndarray, iterations: int, thres
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_roots_of_a_known_map_are_found_as_the_slow_twin_finds_them(d: int, rng: np.random.Generator) -> None:
+def test_roots_of_a_known_map_are_those_of_the_slow_twin(d: int, rng: np.random.Generator) -> None:
     truth = torch.as_tensor(rng.uniform(-0.5, 0.5, (40, d)))
     start = truth + torch.as_tensor(rng.normal(0, 0.1, (40, d)))
     x, J = bend(truth), jacobian(start)
@@ -46,7 +46,7 @@ def test_roots_of_a_known_map_are_found_as_the_slow_twin_finds_them(d: int, rng:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_what_is_done_is_not_evaluated_again(d: int, rng: np.random.Generator) -> None:
+def test_a_root_found_is_not_evaluated_again(d: int, rng: np.random.Generator) -> None:
     truth = torch.as_tensor(rng.uniform(-0.5, 0.5, (30, d)))
     start = truth + torch.linspace(0, 0.2, 30)[:, None].double()  # the first is a root already
     x, seen = bend(truth), torch.zeros(30, dtype=torch.int64)
@@ -60,9 +60,9 @@ def test_what_is_done_is_not_evaluated_again(d: int, rng: np.random.Generator) -
     assert seen[0] == 1
     assert seen[1] < seen[-1] < 21
     assert roots.evaluations == seen.sum()
-    told = broyden(counted, x, start, inverse, iterations=20, image=bend(start))
-    assert told.evaluations == roots.evaluations - 30
-    np.testing.assert_array_equal(told.x_rest, roots.x_rest)
+    given = broyden(counted, x, start, inverse, iterations=20, x_start=bend(start))
+    assert given.evaluations == roots.evaluations - 30
+    np.testing.assert_array_equal(given.x_rest, roots.x_rest)
     few = broyden(counted, x, start, inverse, iterations=1)
     assert few.converged.sum() < 30 == roots.converged.sum()
     assert few.evaluations <= 60
@@ -78,7 +78,7 @@ def test_an_affine_map_takes_one_step(d: int, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(roots.x_rest @ A.T, x, atol=1e-12)
 
 
-def test_a_search_without_a_root_keeps_its_best_point_and_says_so() -> None:
+def test_a_search_without_a_root_keeps_its_best_point_and_is_not_converged() -> None:
     # x^2 + 1 has no zero: the best is near the origin. From 2 the steps stay small, from 0.01 the first leads far away.
     start = torch.tensor([[2.0], [0.01]]).double()
     seen = []
@@ -95,7 +95,7 @@ def test_a_search_without_a_root_keeps_its_best_point_and_says_so() -> None:
     assert roots.evaluations == sum(map(len, seen))
 
 
-def test_nothing_finite_is_made_of_what_is_not_and_no_graph_is_kept() -> None:
+def test_what_is_not_finite_stays_so_and_no_graph_is_kept() -> None:
     x = torch.tensor([[1.0, 2.0], [torch.nan, 0.0]], requires_grad=True)
     roots = broyden(lambda z, _: z, x, torch.zeros(2, 2), torch.eye(2).expand(2, 2, 2), iterations=3)
     assert roots.converged.tolist() == [True, False]

@@ -1,4 +1,4 @@
-"""SNARF where all roots are known: bodies that move as one, and a hinge that folds the line onto its half."""
+"""SNARF where all roots are known: in rigidly moved bodies, and in a hinge that folds the line onto its half."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def untrained(d: int, *, width: int = 12, iterations: int = 50) -> SnarfField:
         weight_depth=3, iterations=iterations,
     )  # fmt: skip
     field = field.double()
-    torch.nn.init.normal_(field.occupancy.entry.weight, std=0.1)  # a new field does not hear of the pose
+    torch.nn.init.normal_(field.occupancy.entry.weight, std=0.1)  # a new field does not depend on the pose
     torch.nn.init.zeros_(field.weight.layers[-1].bias)  # no bone takes all
     return field
 
@@ -67,7 +67,7 @@ def hinge(d: int) -> tuple[SnarfField, torch.Tensor]:
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_forward_skinning_is_the_blend_and_its_derivative_that_of_autograd(d: int, rng: np.random.Generator) -> None:
+def test_forward_skinning_is_the_blend_and_has_the_derivative_of_autograd(d: int, rng: np.random.Generator) -> None:
     field, B = untrained(d), poses(d, 2, rng)
     with torch.no_grad():
         field.weight.layers[-1].weight *= 0.3
@@ -95,9 +95,9 @@ def test_a_body_that_follows_one_bone_is_moved_rigidly(d: int, bone: int, rng: n
         last.bias.copy_(100 * torch.eye(3)[bone])
     x = points((200, d), rng)
     x_rest = (homogeneous(x) @ torch.linalg.inv(B[0, bone]).T)[:, :d]
-    ask = field.posed(B[0])
+    in_pose = field.posed(B[0])
     with torch.no_grad():
-        answer = ask(x)
+        answer = in_pose(x)
         truth = field.rest_logit(x_rest, B, torch.zeros(200, dtype=torch.int64))
         trained = field.logit(x[None], B)[0]
     torch.testing.assert_close(answer.x_rest, x_rest)
@@ -105,8 +105,8 @@ def test_a_body_that_follows_one_bone_is_moved_rigidly(d: int, bone: int, rng: n
     torch.testing.assert_close(trained, truth)
     assert answer.distance.isnan().all()
     # The bone's own start is the root; from the others the map is affine, so that one step is enough.
-    assert ask.queries == 200
-    assert ask.evaluations == 200 * (2 * 3 - 1)
+    assert in_pose.queries == 200
+    assert in_pose.evaluations == 200 * (2 * 3 - 1)
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -115,18 +115,18 @@ def test_at_rest_every_point_is_its_own_root(d: int, rng: np.random.Generator) -
     rest = torch.eye(d + 1, dtype=torch.float64).repeat(1, 3, 1, 1)
     x = points((50, d), rng)
     with torch.no_grad():
-        ask = field.posed(rest[0])
-        answer = ask(x)
+        in_pose = field.posed(rest[0])
+        answer = in_pose(x)
         truth = field.rest_logit(x, rest, torch.zeros(50, dtype=torch.int64))
         found = field.candidates(x, rest, torch.zeros(50, dtype=torch.int64))
     torch.testing.assert_close(answer.x_rest, x)
     torch.testing.assert_close(-answer.level, truth)
-    assert ask.evaluations == found.evaluations == 3 * 50
-    assert found.exists.sum(dim=0).tolist() == [50, 0, 0]  # what the others find is the same root
+    assert in_pose.evaluations == found.evaluations == 3 * 50
+    assert found.exists.sum(dim=0).tolist() == [50, 0, 0]  # the others find the same root
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_of_two_roots_one_inside_is_enough_and_without_a_root_all_is_outside(d: int) -> None:
+def test_a_point_is_inside_if_one_root_is_and_outside_without_a_root(d: int) -> None:
     field, B = hinge(d)
     x = torch.tensor([[-0.3, 0.1, 0.2], [-0.3, -0.1, 0.2], [0.3, 0.1, 0.2]], dtype=torch.float64)[:, :d]
     with torch.no_grad():
@@ -177,13 +177,13 @@ def test_derivatives_follow_the_implicit_function_theorem(
 def test_chunks_change_nothing(d: int, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     field, B, x = untrained(d), poses(d, 3, rng), points((3, 25, d), rng)
     with torch.no_grad():
-        whole, ask = field.logit(x, B), field.posed(B[0])
-        ask(x[0])
+        whole, in_pose = field.logit(x, B), field.posed(B[0])
+        in_pose(x[0])
         monkeypatch.setattr(snarf, "STARTS", 20)
         torch.testing.assert_close(field.logit(x, B), whole)
         parts = field.posed(B[0])
         answer = parts(x[0])
-        assert (parts.queries, parts.evaluations) == (ask.queries, ask.evaluations)
+        assert (parts.queries, parts.evaluations) == (in_pose.queries, in_pose.evaluations)
         # One pose after the other is the same as all together, and the maximum no less than the mean.
         torch.testing.assert_close(torch.stack([field.logit(x[i : i + 1], B[i : i + 1])[0] for i in range(3)]), whole)
         assert (-answer.level >= whole[0] - 1e-9).all()
@@ -220,7 +220,7 @@ def test_start_terms_are_those_of_loops(d: int, rng: np.random.Generator) -> Non
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_occupancy_alone_teaches_where_a_rod_bends(d: int, rng: np.random.Generator) -> None:
-    # Two bones of a thick line that bends at the origin; training begins with weights that know nothing of it.
+    # Two bones of a thick line that bends at the origin; training begins with other weights.
     torch.manual_seed(0)
     C = np.zeros((3, d))
     C[0, 0], C[2, 0] = -0.5, 0.5
