@@ -59,13 +59,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=PARTS,
         default=tuple(PARTS),
         metavar="PART",
-        help=f"run only these parts, of {', '.join(PARTS)}; the tables show all that is known",
+        help=f"run only these parts, of {', '.join(PARTS)}; the tables show all results",
     )
     add_json(parser)
 
 
 def _scale(args: argparse.Namespace, data: "Path | None") -> "tuple[Scale, list[str]]":
-    """How much is asked for, and sentences on the characters that are not there."""
+    """The scale of the study, and sentences on characters without files."""
     from pathlib import Path
 
     from benchmarks.study.characters import available, made_of
@@ -119,9 +119,9 @@ def run(args: argparse.Namespace) -> None:
     for line in study.missing:
         print_note(line)
     lanes = args.jobs or (1 if args.quick else cores())
-    # Jobs share the cores: a thread more than there are cores would wait.
-    wanted = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()  # a list tells of nested regions
-    threads = 1 if args.quick else (int(wanted) if wanted.isdecimal() else 0) or max(1, cores() // lanes)
+    # Jobs share the cores: more threads than cores would wait.
+    given = os.environ.get("OMP_NUM_THREADS", "").partition(",")[0].strip()  # a list has nested regions
+    threads = 1 if args.quick else (int(given) if given.isdecimal() else 0) or max(1, cores() // lanes)
     jobs = study.of_parts(args.only)
     todo = [job for job in jobs if not store.done(job, study)]
     print_note(f"{len(todo)} of {len(jobs)} jobs are to be done" + (f", about {estimate(todo, lanes)}" if todo else ""))
@@ -129,7 +129,7 @@ def run(args: argparse.Namespace) -> None:
         with ExitStack() as stack:
             stack.enter_context(store.alone())
             store.sweep()
-            stack.callback(store.sweep)  # after workers that were ended while they wrote
+            stack.callback(store.sweep)  # after workers that ended while they wrote
             # A small job's process would take longer to start than the job.
             workers = [
                 stack.enter_context(Worker(store, data, fresh=not args.quick, threads=threads)) for _ in range(lanes)

@@ -8,7 +8,7 @@ from benchmarks.study.results import Score, series
 from benchmarks.study.scale import SWEEP_SETS
 from nilbs.figures.canvas import sheet, write_png
 
-# Okabe and Ito's colours, told apart by readers of any colour vision; the line's style tells what is left.
+# Okabe and Ito's colours, distinct for readers of any colour vision; the line's style separates the rest.
 _LINES = {
     "nilbs": ("#0072b2", "-"),
     "search": ("#0072b2", "-"),
@@ -97,7 +97,7 @@ def twist_curve(table: Sequence[Mapping[str, Any]], path: Path) -> Path | None:
 
 
 def _style(name: str) -> dict[str, Any]:
-    """One look for a method in all curves; what learns nothing is grey."""
+    """One style for a method in all curves; rows that learn nothing are grey."""
     if name in _LINES:
         colour, style = _LINES[name]
     else:

@@ -1,15 +1,15 @@
-"""How long jobs of the study take, roughly: what is told before and while it runs."""
+"""About how long jobs of the study take, for reports before and during a run."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from benchmarks.study.characters import SOURCES
-from benchmarks.study.scale import ASKS_BONES
+from benchmarks.study.scale import EVALUATE_ALL_BONES
 from nilbs.models.protocol import POINTS, RESOLUTION
 
 # Seconds a pose on one thread of two, rounded from what jobs took, the elephant's where it has them: the truth and both
 # point sets; the points of a row; its surface at 128 cells; distances. Points and surfaces take longer with more bones
-# where all of them are asked.
+# if all of them are evaluated.
 _TRUTH_SECONDS, _DISTANCE_SECONDS, _START_SECONDS = 1.3, 2.0, 5.0
 _POINTS_SECONDS = {
     "nilbs": 2.5,
@@ -47,6 +47,6 @@ def scoring_seconds(character: str, method: str, spec: Mapping[str, Any]) -> flo
     share *= 0.5 if "ious" in spec else 1.0  # one of the two point sets
     seconds = (_TRUTH_SECONDS + _DISTANCE_SECONDS * spec["distances"]) * share
     for name in (method, *spec["rows"]):
-        bones = _BONES[character] / _BONES["elephant"] if name in ASKS_BONES else 1.0
+        bones = _BONES[character] / _BONES["elephant"] if name in EVALUATE_ALL_BONES else 1.0
         seconds += bones * (_POINTS_SECONDS.get(name, 1.0) * share + _SURFACE_SECONDS.get(name, 6.0) * cells)
     return _START_SECONDS + poses * seconds

@@ -177,15 +177,15 @@ def _candy_wrapper(model: "Model", path: Path, resolution: int) -> Failure:
     write_png(figure, path)
     caption = (
         f"Stripes painted along the body at rest show how it turns. {' '.join(sentences)} What skinning lost is no "
-        "fault of an inverse, and none can mend it: a good one gives back the thin waist. The reverse map moves posed "
-        "points towards the axis once more, so that points beyond the skin land inside and the body swells where it "
+        "fault of an inverse, and none can repair it: a good one returns the thin waist. The reverse map moves posed "
+        "points towards the axis once more, so that points outside land inside and the body swells where it "
         "should be thin; what would swell beyond the cube around the body is cut off and not counted."
     )
     return "The candy wrapper", caption, path
 
 
 def _twisted(model: "Model", degrees: float, resolution: int) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """The skinned mesh and what each map reconstructs of it: vertices, facets and the vertices' rest images."""
+    """The skinned mesh and what each map reconstructs of it: vertices, facets and the vertices' canonical points."""
     character = model.character
     pose = twist_motion(character, [degrees])[0]
     U = character.skin(pose)
@@ -231,7 +231,7 @@ def _self_contact(model: "Model", path: Path) -> Failure:
         row[0].set_ylabel(f"arm turned by {abs(degrees):g}°", fontsize=9)
         for panel in row:
             panel.add_collection(LineCollection(list(U[character.F]), colors=INK, linewidths=0.5))
-        parts = "; ".join(_told_of_contact(_NAMES[mapping], times, inside) for mapping, inside in found.items())
+        parts = "; ".join(_contact_words(_NAMES[mapping], times, inside) for mapping, inside in found.items())
         sentences.append(f"Arm turned by {abs(degrees):g}°: {parts}.")
     keys = [
         Patch(facecolor=ONCE, label="inside (covered once)"),
@@ -243,16 +243,16 @@ def _self_contact(model: "Model", path: Path) -> Failure:
     write_png(figure, path)
     caption = (
         "Skinning lets a body pass through itself. A place that is covered twice counts as inside, once: inside is "
-        "where the winding number of the skinned outline is not zero. Where two parts overlap the truth does not tell "
-        "them apart, and their contact has no surface. Such a place has two rest images. The inverse map gives one "
-        "blend of bones for each place and must pass from the arm's to the body's somewhere; the root search asks "
+        "where the winding number of the skinned outline is not zero. Where two parts overlap the truth does not "
+        "separate them, and their contact has no surface. Such a place has two canonical points. The inverse map gives "
+        "one blend of bones for each place and must pass from the arm's to the body's somewhere; the root search starts in "
         f"every part that lies there and takes one that is inside. {' '.join(sentences)}"
     )
     return "Self-contact", caption, path
 
 
 def _draw_contact(row: Any, section: Section, times: np.ndarray, found: Mapping[str, np.ndarray]) -> None:
-    """How often the pixels are covered (0, 1, 2), and what maps say of them."""
+    """How often the pixels are covered (0, 1, 2), and the answers of maps there."""
 
     def draw(panel: Any, colours: np.ndarray, title: str) -> None:
         panel.imshow(section.image(colours), origin="lower", extent=section.extent, interpolation="nearest")
@@ -269,12 +269,12 @@ def _draw_contact(row: Any, section: Section, times: np.ndarray, found: Mapping[
         draw(panel, palette[true.astype(int), inside.astype(int)], f"{_NAMES[mapping]}: IoU of the pixels {score:.4f}")
 
 
-def _told_of_contact(name: str, times: np.ndarray, inside: np.ndarray) -> str:
+def _contact_words(name: str, times: np.ndarray, inside: np.ndarray) -> str:
     """How much of what is covered once and twice a map finds, in words.
 
     Examples
     --------
-    >>> _told_of_contact("map", np.array([0, 1, 1]), np.array([True, True, False]))
+    >>> _contact_words("map", np.array([0, 1, 1]), np.array([True, True, False]))
     'the map finds 50.0% of what is covered once, and its wrong pixels amount to 100.00% of the body'
     """
     twice = f" and {np.mean(inside[times == 2]):.1%} of what is covered twice" if (times == 2).any() else ""
@@ -295,14 +295,14 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
     finest = (model.method.cache_resolution or 0) * prod(PARTS[1:])
     cache, grid = Grid.box(character.V, finest).spacing, Grid.cube(U_true, resolution)
     U, F = model.posed(pose).extract_on(grid)
-    asked, extracted = _found_of_fins(model, pose, U, F, rng)
+    found, extracted = _found_of_fins(model, pose, U, F, rng)
 
     figure, panels = sheet(2, 2, title="Fins that are as thin as the grids' cells", width=4.6, height=3.0, beside=0.1)
     *shapes, chart = panels.ravel()
     _draw_fins(shapes, model, pose, U_true, U, F, resolution)
     L, thickness = character.L, np.array(FINS)
     for parts, cell, colour, style, name, whose in (
-        (asked, cache, "#0072b2", "o-", "field", "cache's finest"),
+        (found, cache, "#0072b2", "o-", "field", "cache's finest"),
         (extracted, grid.spacing, "#d55e00", "s-", "extracted surface", "extraction's"),
     ):
         chart.semilogx(100 * thickness / L, 100 * parts, style, color=colour, markersize=3, label=name)
@@ -322,10 +322,10 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
         return ", ".join(f"{fin / edge:.2g} ({part:.0%})" for fin, part in zip(FINS, parts, strict=True))
 
     caption = (
-        f"A bar with {len(FINS)} fins, bent by {BEND:g}°. The rest distance is known on a grid with cells of "
+        f"A bar with {len(FINS)} fins, bent by {BEND:g}°. The rest distance is on a grid with cells of "
         f"{cache / L:.3%} of L where it bends, and the surface is extracted on one with cells of "
         f"{grid.spacing / L:.2%}. How much of a fin the field finds, by its thickness in cells of the first grid: "
-        f"{listed(cache, asked)}. A fin that passes between the nodes leaves no negative distance at any, and for the "
+        f"{listed(cache, found)}. A fin that passes between the nodes leaves no negative distance at any, and for the "
         "field it does not exist there. "
         "How much of it the surface holds, by its thickness in cells of the second: "
         f"{listed(grid.spacing, extracted)}. Fins that are found but not extracted come back on a finer grid of the "
@@ -338,15 +338,15 @@ def _found_of_fins(
     model: "Model", pose: np.ndarray, U: np.ndarray, F: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Shares of each fin that the field finds, and that an extracted surface holds: by points inside the fin."""
-    asked, extracted = np.zeros(len(FINS)), np.zeros(len(FINS))
+    found, extracted = np.zeros(len(FINS)), np.zeros(len(FINS))
     for fin in range(len(FINS)):
         low, high = _fin_base(fin)
         y = rng.uniform(0, FIN_HEIGHT, FIN_POINTS)
         x_rest = np.column_stack([rng.uniform(low, high, FIN_POINTS) + SLANT * y, y])
         x = linear_blend_skinning(x_rest, _bar_weights(x_rest), pose)
-        asked[fin] = np.mean(model.occupancy(x, pose) > 0.5)
+        found[fin] = np.mean(model.occupancy(x, pose) > 0.5)
         extracted[fin] = np.mean(occupancy(U, F, x)) if len(F) else 0.0
-    return asked, extracted
+    return found, extracted
 
 
 def _draw_fins(
@@ -369,7 +369,7 @@ def _draw_fins(
     draw_body(surface, view, U, F)
     titles = (
         "skinned mesh",
-        f"field, asked at {section.pixels} × {section.pixels} pixels",
+        f"field at {section.pixels} × {section.pixels} pixels",
         f"surface extracted on {resolution} × {resolution} cells",
     )
     margin = 0.03 * section.edge

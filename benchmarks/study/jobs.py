@@ -73,12 +73,12 @@ class Entry:
 
 @dataclass(frozen=True)
 class Plan:
-    """Jobs in the order in which they run, and what becomes of their results.
+    """Jobs in the order in which they run, and the places of their results.
 
     Attributes
     ----------
     jobs : tuple of Job
-        A job stands after the training that it needs.
+        A job comes after the training that it needs.
     entries : tuple of Entry
     missing : tuple of str
         A sentence on everything that cannot be done here.
@@ -106,7 +106,7 @@ class Plan:
 
 
 class Builder:
-    """Collects jobs and entries; the same work asked for twice is done once."""
+    """Collects jobs and entries; work that is added twice is done once."""
 
     def __init__(self) -> None:
         self._jobs: dict[str, Job] = {}
@@ -123,12 +123,12 @@ class Builder:
             If another job has its key.
         """
         work = json.dumps([job.kind, job.spec], sort_keys=True)
-        known = self._by_work.get(work)
-        if known is not None:
-            self._jobs[known] = replace(
-                self._jobs[known], keep=self._jobs[known].keep or job.keep
-            )  # whoever wants the model gets it
-            return self._jobs[known]
+        existing = self._by_work.get(work)
+        if existing is not None:
+            self._jobs[existing] = replace(
+                self._jobs[existing], keep=self._jobs[existing].keep or job.keep
+            )  # kept if any job keeps it
+            return self._jobs[existing]
         if job.key in self._jobs:
             raise ValueError(f"two jobs are called {job.key}")
         self._jobs[job.key] = job
@@ -144,6 +144,6 @@ class Builder:
         followers: dict[str | None, list[Job]] = {}
         for job in self._jobs.values():
             followers.setdefault(job.needs, []).append(job)
-        # A study that is stopped then has few models left that something still needs.
+        # So a study that is stopped keeps few models.
         jobs = [job for first in followers.get(None, []) for job in (first, *followers.get(first.key, []))]
         return Plan(tuple(jobs), tuple(self._entries), tuple(self.missing))

@@ -1,4 +1,4 @@
-"""What the study writes: JSON, CSV, Markdown and one HTML page, of whatever is known."""
+"""What the study writes: JSON, CSV, Markdown and one HTML page, of all results."""
 
 import csv
 import io
@@ -49,7 +49,7 @@ def write_outputs(
     command : sequence of str
         That made the study.
     quick : bool
-        Whether numbers mean nothing, which the report then says.
+        Whether numbers mean nothing, which the report then states.
     lanes, threads : int
         How many jobs ran at once, and the threads of each.
 
@@ -179,9 +179,9 @@ def _facts(values: Mapping[str, Any], scale: Scale, jobs: int) -> dict[str, str]
 
 
 def _fewer(values: Mapping[str, Any]) -> str:
-    """Characters whose motions have fewer frames than were wanted, and how many."""
+    """Characters whose motions have fewer frames than the study takes, and how many."""
     taken = [(t["character"], t["frames"], t["result"]["frames"]) for t in values["trainings"] if t["result"]]
-    fewer = {character: frames for character, wanted, frames in taken if frames < wanted}
+    fewer = {character: frames for character, needed, frames in taken if frames < needed}
     return "".join(f"; {character} {frames}" for character, frames in fewer.items())
 
 

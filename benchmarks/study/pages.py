@@ -28,48 +28,48 @@ PROTOCOL = (
     "Chamfer distance is exact from samples of one surface to the other surface, both ways, on a surface that was "
     "extracted on the grid named below; where a body overlaps itself, the skin inside it is part of the true mesh and "
     "of no reconstruction, which the row floor shows.",
-    "Surfaces are looked for in blocks of four cells: by a method that knows distances where one says that the "
-    "surface may be, by the others (NASA, SNARF, the MLP) in blocks whose corners lie on both sides, and beside those.",
+    "Surfaces are extracted in blocks of four cells: by a method with distances where a distance shows that the "
+    "surface may be near, by the others (NASA, SNARF, the MLP) in blocks whose corners lie on both sides and beside.",
     "Weight lookups count evaluations of skinning weights for a query by a root search or an iteration, on a grid or "
-    "by a network, the network's answer that it begins at included; the inverse and the reverse map ask the network "
-    "once. What a pose costs nilbs before its first point (bones are blended at the grid's nodes, parts are posed) is "
-    "no lookup, but is in the seconds.",
-    "Seconds are of 100,000 points of a pose on one thread while another job ran, with their share of the time to be "
-    "told the pose: half, where both sets of points are asked; mean over all poses that the row is scored on.",
+    "by a network, with that of the network where it starts; the inverse and the reverse map evaluate the network "
+    "once. The work of nilbs for a pose before its first point (blends at the grid's nodes, posed parts) is "
+    "no lookup, but counts in the seconds.",
+    "Seconds are of 100,000 points of a pose on one thread while another job ran, with their share of the time to set "
+    "the pose: half if both sets of points are queried; mean over all poses that the row is scored on.",
     "Pose sets, ten poses each: seen, training frames; interpolated, the middles between neighbouring training "
     "frames; unseen and far, random poses whose joints turn by angles of 0.28 and 0.8 rad standard deviation. Motion "
-    "that is made up, of the gingerbread men and the arm, turns joints by 0.4 rad (root mean square), so that unseen "
+    "that is random, of the gingerbread men and the arm, turns joints by 0.4 rad (root mean square), so that unseen "
     "poses are new, but milder than seen ones.",
     "The seed is that of the training, of random training motion, and of all that the scores draw; all methods with "
     "one seed are trained on the same frames and scored on the same poses and points. So rows are compared seed by "
     "seed; a row of one seed stands beside means of several, whose poses are others.",
     "The steps of all trainings of a character in one table take about the same minutes, but for the table of training "
-    "times: a trial tells how many they are, and beside other work it is a tenth or two off. The trial, labelling "
+    "times: a trial measures how many they are, and beside other work it is a tenth or two off. The trial, labelling "
     "points and the grids of nilbs and paper come on top; all of it is the column of training seconds. All trainings "
-    "are far shorter than those of the rivals' papers. Where the steps are a few dozen (SNARF with 163 bones) a "
-    "network has hardly begun to learn, and its score says no more than that.",
-    "What is known beside the labelled points of the training frames: by nilbs the rest mesh's distance, and the "
+    "are far shorter than those of the baselines' papers. Where the steps are a few dozen (SNARF with 163 bones) a "
+    "network has hardly begun to learn, and its score means no more than that.",
+    "Given besides the labelled points of the training frames: to nilbs the rest mesh's distance, and the "
     "weights in its volume, posed in the training frames and in random poses too, whose angles have a standard "
-    "deviation of up to 0.8 rad, as those of the scores may (the ablations have one without); by paper the rest mesh's "
-    "distance and the weights of its vertices at rest; by NASA the weights of vertices; by SNARF the skeleton; by "
-    "nearest and rigid-parts the rest mesh and its weights; by the MLP nothing.",
-    "What nilbs owes to its network is told by the row parts, which searches on the same grids without one, and by "
-    "one-search and inverse, which depend on it: the given weights and the rest distance are on the grids themselves.",
+    "deviation of up to 0.8 rad, as those of the scores may (the ablations have one without); to paper the rest mesh's "
+    "distance and the weights of its vertices at rest; to NASA the weights of vertices; to SNARF the skeleton; to "
+    "nearest and rigid-parts the rest mesh and its weights; to the MLP nothing.",
+    "The row parts, which searches on the same grids without a network, shows how much nilbs gains by its network; so "
+    "do one-search and inverse, which depend on it. The given weights and the rest distance are on the grids.",
     "How methods are trained: matrices of every network by Muon, all else by Adam, at one rate for all, which rises "
     "and falls once; occupancy by cross-entropy (paper: absolute difference); half of the labelled points at the "
     "surface, a quarter around it, a quarter uniform (paper: all uniform). Only nilbs draws half of its labelled "
     "points where it errs (the ablations have one without). The width of the step by which paper reads occupancy from "
     "distance is ours, 0.3 % of L; the ablations have a wider one.",
     "SNARF's networks are smaller than its authors', and so are NASA's where bones are few; SNARF's searches take at "
-    "most ten steps, in training and in scores. Everything else in which rivals differ from their papers is told where "
-    "they are defined, in nilbs/fields.",
+    "most ten steps, in training and in scores. All other differences of baselines from their papers are listed where "
+    "they are defined, in nilbs/methods.",
     "Spread is half the range over the seeds, (max - min) / 2. A gain smaller than the spread is no gain.",
 )
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture with its title and what is to be seen in it."""
+    """A picture with its title and a description."""
 
     title: str
     caption: str
@@ -78,20 +78,20 @@ class Picture:
 
 @dataclass(frozen=True)
 class Page:
-    """What a report says.
+    """The content of a report.
 
     Attributes
     ----------
     title : str
     facts : mapping of str to str
-        Machine, time, command and the like, in the order in which they are told.
+        Machine, time, command and the like, in the order of the report.
     tables : sequence of Table
     pictures : mapping of str to sequence of Picture
         By the part that they stand in; "failures" have a section of their own.
     missing : sequence of str
         A sentence on everything that was left out, failed or has not been run.
     notes : sequence of str
-        What a reader must know first.
+        Notes that come first.
     """
 
     title: str

@@ -9,29 +9,29 @@ from typing import Any
 
 from benchmarks.study.durations import scoring_seconds, training_seconds
 from benchmarks.study.jobs import FAILURES, PICTURE, SCORE, TRAIN, TWIST, Builder, Entry, Job, Plan
-from benchmarks.study.scale import ABLATIONS, ASKS_ALL_BONES, ASKS_BONES, SWEEP_SETS, TRAINED, Scale
+from benchmarks.study.scale import ABLATIONS, EVALUATE_ALL_BONES, SEARCH_ALL_BONES, SWEEP_SETS, TRAINED, Scale
 from nilbs.methods.base import NOISE
 from nilbs.methods.inverse_skinning import MAPPINGS
 from nilbs.methods.registry import all_methods, method_class, values_of
 
-# Raised where trainings or scores change and no setting tells.
+# Raised when trainings or scores change without a change of settings.
 RECIPE = 3
-# Other ways of the trained default field to its rest images, and rows that learn nothing.
+# Other mappings of the trained default field, and rows that learn nothing.
 OTHER_MAPPINGS = tuple(name for name in MAPPINGS if name != "search")
 OWN = ("nilbs", "paper")  # methods that have these mappings
 UNLEARNED = ("nearest", "rigid-parts", "floor", "mesh-lbs")
 # Rows of the default model's first seed whose surfaces are scored too.
 SURFACE_ROWS = ("floor", "inverse", "nearest")
-# What asks every bone for every point takes too long on a rig with so many, and for surfaces.
+# Characters with too many bones for rows that evaluate every bone at every point, and for surfaces.
 MANY_BONES = ("makehuman",)
 # Methods of the sweeps over amplitude, training time and noise.
 SWEPT = ("nilbs", "nasa", "snarf", "mlp")
-# What is left out for the time that it takes; some of it of one character.
+# Work that is left out to save time; some of it for one character.
 SPARED = (
-    "Rivals are not scored on interpolated poses; beyond the first seed they are on unseen and far poses alone, in the "
-    "sweeps over training poses, training time and noise on unseen ones; their surfaces are extracted on the elephant "
-    "and the 2D man. SNARF asks every bone for every point: its surfaces are extracted on the 2D man alone, and of the "
-    "numbers of training poses it has every other one",
+    "Baselines are not scored on interpolated poses. Seeds after the first are scored on unseen and far poses only, in "
+    "the sweeps over training poses, training time and noise on unseen ones only. Surfaces of baselines are extracted "
+    "on the elephant and the 2D man. SNARF searches from every bone for every point: its surfaces are extracted on the "
+    "2D man only, and it has every other number of training poses",
     f"The sweeps over amplitude, training time and noise are of {', '.join(SWEPT)}, and all sweeps are scored at the "
     "points near the surface alone",
 )
@@ -42,8 +42,8 @@ SPARED_OF = {
     "out",
 }
 SURFACE_SETS = ("seen", "unseen")
-# Characters of which rivals' surfaces are extracted, and the rivals that are left out of that.
-_RIVALS_SURFACES: Mapping[str, Sequence[str]] = {"gingerbread-2d": (), "elephant": ASKS_ALL_BONES}
+# Characters on which baselines' surfaces are extracted, and the baselines that are left out.
+_BASELINE_SURFACES: Mapping[str, Sequence[str]] = {"gingerbread-2d": (), "elephant": SEARCH_ALL_BONES}
 
 
 def plan(scale: Scale, missing: Sequence[str] = ()) -> Plan:
@@ -68,7 +68,7 @@ def defaults() -> str:
 
 def methods(scale: Scale, builder: Builder) -> None:
     """Accuracy by pose set of every method on every character."""
-    # A method after the other: what one looks for first is known first.
+    # One method after the other, the most important first.
     for name in TRAINED:
         for character, seeds in scale.characters.items():
             for seed in range(seeds):
@@ -86,7 +86,7 @@ def _method(scale: Scale, builder: Builder, character: str, name: str, seed: int
     if name != "nilbs" or seed > 0:
         return
     others = ("rigid-parts", *(row for row in OTHER_MAPPINGS if row not in SURFACE_ROWS))
-    others = tuple(row for row in others if row not in ASKS_BONES or character not in MANY_BONES)
+    others = tuple(row for row in others if row not in EVALUATE_ALL_BONES or character not in MANY_BONES)
     if character == scale.sweep:
         others = ("rigid-parts",)  # the ablation has the mappings
     _score(scale, builder, training, f"{training.key}/other-rows", entry, rows=others, own=False)
@@ -103,20 +103,20 @@ def _score_method(
     if entry.method == "nilbs":
         rows = SURFACE_ROWS if entry.seed == 0 else ("inverse",)
     poses = _affordable(scale.poses, entry)
-    dear = entry.method in ASKS_ALL_BONES and entry.character in MANY_BONES
+    dear = entry.method in SEARCH_ALL_BONES and entry.character in MANY_BONES
     key = f"{training.key}/scores"
     points = scale.points // 10 if dear else scale.points
     _score(scale, builder, training, key, entry, poses=poses, rows=rows, points=points, surface_alone=dear, only=only)
 
 
 def _affordable(poses: Sequence[str], entry: Entry) -> tuple[str, ...]:
-    """Pose sets of a method: fewer of rivals, and where every bone of very many is asked for every point."""
+    """Pose sets of a method: fewer of baselines, and of rows that evaluate very many bones at every point."""
     if entry.method == "nilbs":
         return tuple(poses)
-    wanted: tuple[str, ...] = SWEEP_SETS if entry.seed else ("seen", *SWEEP_SETS)
-    if entry.method in ASKS_BONES and entry.character in MANY_BONES:
-        wanted = ("unseen",) if entry.method in ASKS_ALL_BONES else SURFACE_SETS
-    return tuple(name for name in poses if name in wanted)
+    allowed: tuple[str, ...] = SWEEP_SETS if entry.seed else ("seen", *SWEEP_SETS)
+    if entry.method in EVALUATE_ALL_BONES and entry.character in MANY_BONES:
+        allowed = ("unseen",) if entry.method in SEARCH_ALL_BONES else SURFACE_SETS
+    return tuple(name for name in poses if name in allowed)
 
 
 def _sweep_sets(scale: Scale, settings: Mapping[str, Any]) -> tuple[str, ...]:
@@ -134,7 +134,7 @@ def surfaces(scale: Scale, builder: Builder) -> None:
             key, cells = f"surfaces/{character}-nilbs-seed{seed}", scale.resolution
             _score(scale, builder, training, key, entry, poses=poses, resolution=cells, rows=("floor",))
         for name in TRAINED:
-            if name != "nilbs" and name in _RIVALS_SURFACES.get(character, tuple(TRAINED)):
+            if name != "nilbs" and name in _BASELINE_SURFACES.get(character, tuple(TRAINED)):
                 continue
             training = _training_of(scale, builder, character, name, 0)
             entry = Entry("surfaces", character, name, 0, "")
@@ -143,7 +143,7 @@ def surfaces(scale: Scale, builder: Builder) -> None:
 
 
 def distance(scale: Scale, builder: Builder) -> None:
-    """How far distances read at rest images are from those of the posed mesh."""
+    """Error of distances read at canonical points, against the posed mesh."""
     for character in scale.characters:
         training = _training_of(scale, builder, character, "nilbs", 0)
         entry = Entry("distance", character, "nilbs", 0, "")
@@ -156,7 +156,7 @@ def frames(scale: Scale, builder: Builder) -> None:
     variants = {name: TRAINED[name] for name in ("nilbs", "nasa", "snarf")}
     variants["nilbs, no random poses"] = {"random_pose_std": 0.0}
     for name, settings in variants.items():
-        for count in scale.frames[:: 2 if name in ASKS_ALL_BONES else 1]:
+        for count in scale.frames[:: 2 if name in SEARCH_ALL_BONES else 1]:
             key = f"frames/{scale.sweep}-{_slug(name)}-{count}"
             training = _sweep_training(scale, builder, key, settings, training_frames=count)
             entry = Entry("frames", str(scale.sweep), name, 0, "", value=count)
@@ -194,7 +194,7 @@ def time(scale: Scale, builder: Builder) -> None:
 
 
 def ablation(scale: Scale, builder: Builder) -> None:
-    """Settings switched one at a time, and other ways of the default model to its rest images."""
+    """Settings switched one at a time, and other mappings of the default model."""
     for name in scale.ablations:
         settings = ABLATIONS[name]
         key = f"ablation/{scale.sweep}-{_slug(name)}"
@@ -233,7 +233,7 @@ def twist(scale: Scale, builder: Builder) -> None:
 
 
 def failures(scale: Scale, builder: Builder) -> None:
-    """Pictures of what goes wrong."""
+    """Pictures of failures."""
     spec = {"seed": 0, **scale.settings, **scale.twist, "defaults": defaults()}
     spec.pop("degrees", None)
     minutes = float(spec.get("minutes", 0.1))
@@ -242,7 +242,7 @@ def failures(scale: Scale, builder: Builder) -> None:
 
 
 def controls(scale: Scale, builder: Builder) -> None:
-    """Predictions whose scores are known, which every scoring scores too."""
+    """Predictions with expected scores, which every scoring includes."""
     for character in scale.characters:
         training = _training_of(scale, builder, character, "nilbs", 0)
         _score_method(scale, builder, training, Entry("controls", character, "nilbs", 0, ""), only=("",))
@@ -311,11 +311,11 @@ def _train(
     *,
     keep: bool,
 ) -> Job:
-    # What is set for every training holds where the method has it.
+    # Settings of every training are used if the method has them.
     own = {s.name for s in method_class(_method_name(settings)).settings()}
     changes = {**{name: value for name, value in scale.settings.items() if name in own}, **settings}
     if minutes is not None:
-        changes.pop("steps", None)  # the time tells
+        changes.pop("steps", None)  # they follow from the time
     spec = {
         "character": character,
         "frames": training_frames,
@@ -346,9 +346,9 @@ def _score(
     own: bool = True,
     only: Sequence[str] | None = None,
 ) -> None:
-    """Score a model, and enter its own row, where asked, and the others into the tables, or `only` some of them.
+    """Score a model, and enter its own row, if given, and the others into the tables, or `only` some of them.
 
-    With `surface_alone` no points but those near the surface are asked: enough for a sweep's tables.
+    With `surface_alone` only the points near the surface are queried: enough for a sweep's tables.
     """
     spec = {
         "training": training.key,

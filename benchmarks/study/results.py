@@ -1,4 +1,4 @@
-"""What is known of a study: scores in long form, pictures, what failed and what is not done."""
+"""Results of a study: scores in long form, pictures, failures and jobs that are not done."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -36,7 +36,7 @@ class Score:
 
 
 def scores(plan: Plan, store: Store) -> list[Score]:
-    """All scores that are known, in the order of the plan.
+    """All scores of jobs that are done, in the order of the plan.
 
     Parameters
     ----------
@@ -63,14 +63,14 @@ def scores(plan: Plan, store: Store) -> list[Score]:
         sets = result["scores"]["rows"].get(entry.row, {}) if entry.row else result["scores"]["poses"]
         for name, values in sets.items():
             if entry.poses is None or name in entry.poses:
-                # Of the true mesh's own surface the IoUs compare the truth with itself.
-                told = [score for score in values if entry.row != "floor" or score not in IOUS]
-                found += [Score(*common, name, score, *_mean_and_worst(values[score])) for score in told]
+                # IoUs of the floor would compare the truth with itself.
+                shown = [score for score in values if entry.row != "floor" or score not in IOUS]
+                found += [Score(*common, name, score, *_mean_and_worst(values[score])) for score in shown]
         if entry.row in (seconds := result["scores"]["query_seconds"]):
             found.append(Score(*common, "", "seconds", number(seconds[entry.row]), None))
         training = results.get(job.needs) if job.needs else None
         if training is not None and not entry.row:
-            # Of a training that was stopped and continued only the last piece was timed.
+            # A training that was continued has the time of its last piece only.
             seconds_taken = None if training["resumed"] else training["seconds"]
             found.append(Score(*common, "", "training_seconds", seconds_taken, None))
             found.append(Score(*common, "", "training_steps", training["steps"], None))
@@ -151,7 +151,7 @@ def series(known: Iterable[Score], part: str, poses: str | None, score: str) -> 
 
 
 def controls(plan: Plan, store: Store) -> dict[str, dict[str, dict[str, float]]]:
-    """By character, the scores of predictions that are known, over all scorings: of each the one that is most wrong."""
+    """By character, the scores of the controls over all scorings: of each the one that is most wrong."""
     jobs = plan.by_key
     found: dict[str, dict[str, dict[str, float]]] = {}
     for job in plan.jobs:
@@ -168,7 +168,7 @@ def controls(plan: Plan, store: Store) -> dict[str, dict[str, dict[str, float]]]
 
 
 def _result(plan: Plan, store: Store, job: Job) -> dict[str, Any] | None:
-    """What a job found; nothing, where it asked a model that was trained again since."""
+    """A job's result; None if its model has been trained again since."""
     return store.result(job) if job.kind == TRAIN or store.done(job, plan) else None
 
 
@@ -180,7 +180,7 @@ def _mean_and_worst(value: Any) -> tuple[float | None, float | None]:
 
 
 def trainings(plan: Plan, store: Store) -> list[dict[str, Any]]:
-    """What is known of every training: its spec, and how it went."""
+    """Every training that is done: its spec and its result."""
     jobs = [job for job in plan.jobs if job.kind == TRAIN]
     return [{"key": job.key, **job.spec, "result": store.result(job)} for job in jobs]
 

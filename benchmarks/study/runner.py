@@ -1,4 +1,4 @@
-"""Runs the jobs of a plan that are not done yet, each in a fresh process, and tells how far it is."""
+"""Runs the jobs of a plan that are not done yet, each in a fresh process, and reports progress."""
 
 import json
 import os
@@ -38,7 +38,7 @@ class Worker:
         Whether every job has a new process: memory and time of one are then of no other. Otherwise one does all: for
         jobs that are shorter than a process takes to start.
     threads : int, optional
-        How many it may use; as the environment says by default.
+        How many it may use; by default as the environment sets.
     """
 
     def __init__(self, store: Store, data: Path | None, *, fresh: bool = True, threads: int | None = None) -> None:
@@ -53,7 +53,7 @@ class Worker:
         self.stop()
 
     def __call__(self, job: Job) -> bool:
-        """Do a job; False where it failed, and the store then says why.
+        """Do a job; False if it failed, and the store has the reason.
 
         Raises
         ------
@@ -70,7 +70,7 @@ class Worker:
         data = None if self._data is None else str(self._data)
         request = {"job": asdict(job), "folder": str(self._store.folder), "data": data}
         answer = ""
-        with suppress(BrokenPipeError):  # it is gone: there is no answer
+        with suppress(BrokenPipeError):  # the process has ended: there is no answer
             process.stdin.write(json.dumps(request) + "\n")
             process.stdin.flush()
             answer = process.stdout.readline().strip()
@@ -80,12 +80,12 @@ class Worker:
             self._end()
         if not answer:
             status = process.returncode
-            how = f"by signal {-status}, perhaps for want of memory" if status < 0 else f"with status {status}"
+            how = f"by signal {-status}, perhaps because memory ran out" if status < 0 else f"with status {status}"
             self._store.fail(job, f"the process ended {how}")
         return answer == "done"
 
     def stop(self) -> None:
-        """End the process, whatever it does; from any thread."""
+        """End the process at once; from any thread."""
         self._stopped = True
         process = self._process
         if process is not None and process.poll() is None:
@@ -121,7 +121,7 @@ class Worker:
                 env=environment,
                 text=True,
                 encoding="utf-8",
-                # A Ctrl-C of the terminal is this process's business.
+                # Only this process handles a Ctrl-C of the terminal.
                 start_new_session=True,
             )
         return self._process
@@ -183,7 +183,7 @@ def run(
 
 
 class _Shift:
-    """The jobs of one run: which may begin, and how those that ended did."""
+    """The jobs of one run: which may begin, and how the others ended."""
 
     def __init__(self, plan: Plan, store: Store, todo: list[Job], report: Report, *, lanes: int) -> None:
         self.plan, self.store, self.report, self.lanes = plan, store, report, lanes
@@ -193,7 +193,7 @@ class _Shift:
         self.clock = _Clock()
 
     def next(self) -> Job | None:
-        """The first job that can begin; those whose training failed are told on the way."""
+        """The first job that can begin; those whose training failed are reported on the way."""
         for job in list(self.waiting):
             if job.needs in self.failed:
                 self.waiting.remove(job)
@@ -208,11 +208,11 @@ class _Shift:
         return ready
 
     def ended(self, job: Job, *, ok: bool, seconds: float) -> None:
-        """Count a job, and tell."""
+        """Count a job, and report it."""
         self.at_work.remove(job)
         self.clock.took(job, seconds)
         if not ok:
-            self.failed[job.key] = self.store.failure(job) or "it failed and did not say why"
+            self.failed[job.key] = self.store.failure(job) or "it failed without a reason"
         outcome = "" if ok else f" FAILED: {self.failed[job.key]}"
         left = self.clock.left([*self.waiting, *self.at_work]) / self.lanes
         self._tell(job, f"{_minutes(seconds)}{outcome}{f', about {_hours(left)} left' if left else ''}")
@@ -225,7 +225,7 @@ class _Shift:
 
 
 def estimate(jobs: Sequence[Job], lanes: int = 1) -> str:
-    """How long jobs take, roughly, in words, where so many run at once.
+    """About how long jobs take, in words, if so many run at once.
 
     Examples
     --------
@@ -245,7 +245,7 @@ def _kill(process: subprocess.Popen) -> None:
 
 
 class _Clock:
-    """What jobs took against what they were thought to take, by their kind."""
+    """Measured against estimated time of jobs, by kind."""
 
     def __init__(self) -> None:
         self._took: dict[str, tuple[float, float]] = {}
@@ -263,7 +263,7 @@ class _Clock:
 
 
 def _drop_model(plan: Plan, store: Store, job: Job) -> None:
-    """Remove the model that this job was the last to need, where it is not kept."""
+    """Remove a model that no other job needs, unless it is kept."""
     if job.needs is None or plan.by_key[job.needs].keep:
         return
     if all(store.done(other, plan) for other in plan.needing(job.needs)):

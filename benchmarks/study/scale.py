@@ -17,9 +17,9 @@ TRAINED: Mapping[str, Mapping[str, Any]] = {
     "snarf": {"method": "snarf"},
     "mlp": {"method": "mlp"},
 }
-# What begins a search at every bone for every point, and what asks every bone without a search.
-ASKS_ALL_BONES = ("snarf", "all-bones")
-ASKS_BONES = (*ASKS_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")
+# Methods that search from every bone at every point, and those that evaluate every bone without a search.
+SEARCH_ALL_BONES = ("snarf", "all-bones")
+EVALUATE_ALL_BONES = (*SEARCH_ALL_BONES, "nasa", "nasa-rigid", "rigid-parts")
 ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
     "no ghost bone": {"ghost": False},
@@ -51,9 +51,9 @@ class Scale:
     sweep : str, optional
         The character of the sweeps; None where it is missing.
     minutes : mapping of str to float
-        Training time by character in the part `methods`; empty where `settings` tell the steps.
+        Training time by character in the part `methods`; empty if `settings` has the steps.
     sweep_minutes : float, optional
-        Training time in sweeps; None where `settings` tell the steps.
+        Training time in sweeps; None if `settings` has the steps.
     settings : mapping
         Settings of every training.
     made_of : mapping of str to str

@@ -1,4 +1,4 @@
-"""The folder of a study: what was done, and whether it still counts."""
+"""The folder of a study: results, and whether they still count."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -29,7 +29,7 @@ class Store:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep others out of the folder, where the system can.
+        """Lock the folder, if the system can.
 
         Raises
         ------
@@ -68,7 +68,7 @@ class Store:
             self._result(training).unlink()
 
     def sweep(self) -> None:
-        """Remove what writers that were killed have left half-written; only where nobody is at work."""
+        """Remove what writers that were killed have left half-written; only while no job runs."""
         for name in FOLDERS:
             for path in (self.folder / name).rglob(f".*{PART}"):
                 if not path.is_dir():
@@ -91,7 +91,7 @@ class Store:
         return True
 
     def write(self, job: Job, result: Mapping[str, Any]) -> None:
-        """Keep a result; a failure of before goes."""
+        """Keep a result and remove an earlier failure."""
         self._write(self._result(job), job, result)
         with suppress(FileNotFoundError):
             self._failed(job).unlink()
@@ -101,7 +101,7 @@ class Store:
         self._write(self._failed(job), job, {"error": error, "details": details})
 
     def picture(self, name: str) -> Path | None:
-        """A picture that a result names, where it is one of the study's own: no other file gets into a report."""
+        """A picture that a result names, if it is one of the study's own: no other file gets into a report."""
         try:
             path = (self.folder / name).resolve()
             mine = path.is_relative_to((self.folder / "pictures").resolve()) and path.suffix == ".png"
@@ -145,24 +145,24 @@ def number(value: Any) -> float | None:
     return float(value) if isinstance(value, int | float) and abs(value) < 2**63 else None
 
 
-def _fits(value: Any, wanted: Any) -> bool:
-    """Whether a value of JSON has the types that are wanted, name by name; a list's one entry is that of all."""
-    if isinstance(wanted, Mapping):
+def _fits(value: Any, expected: Any) -> bool:
+    """Whether a value of JSON has the expected types, name by name; a list's one entry holds for all."""
+    if isinstance(expected, Mapping):
         if not isinstance(value, dict):
             return False
-        if _EACH in wanted:
-            return all(_fits(inner, wanted[_EACH]) for inner in value.values())
-        return all(name in value and _fits(value[name], wanted[name]) for name in wanted)
-    if isinstance(wanted, list):
-        return isinstance(value, list) and all(_fits(inner, wanted[0]) for inner in value)
-    return isinstance(value, wanted) and (wanted is not _NUMBER or number(value) is not None)
+        if _EACH in expected:
+            return all(_fits(inner, expected[_EACH]) for inner in value.values())
+        return all(name in value and _fits(value[name], expected[name]) for name in expected)
+    if isinstance(expected, list):
+        return isinstance(value, list) and all(_fits(inner, expected[0]) for inner in value)
+    return isinstance(value, expected) and (expected is not _NUMBER or number(value) is not None)
 
 
-_EACH = "*"  # of names that are not known beforehand
+_EACH = "*"  # of any names
 _NUMBER = (int, float)
 _BY_SCORE = {_EACH: object}  # a number, or one with those of its frames
 _PICTURES = [{"title": str, "caption": str, "file": str}]
-# What the result of a job of each kind holds at least.
+# The least content of results, by kind of job.
 _CONTENTS: Mapping[str, Mapping[str, Any]] = {
     TRAIN: {
         "stamp": str,

@@ -16,11 +16,11 @@ from nilbs.models.protocol import IOUS, POSE_SETS
 
 # Rows that are the truth itself.
 TRUTH = ("mesh-lbs", "floor")
-# Ways of the default model that never ask what it has learned.
+# Mappings of the default model that do not use its network.
 WITHOUT_NETWORK = ("parts", "all-bones")
 METHOD_ORDER = ("nilbs", *OTHER_MAPPINGS, *(name for name in TRAINED if name != "nilbs"), *UNLEARNED)
 _SURFACE_SCORES = ("chamfer_l1", "p95", "hausdorff", "normal_consistency", "f_score", "components", "watertight")
-# What a column is called, and its digits after the point.
+# Titles of columns, and their digits after the point.
 _SHORT = {
     "iou_bbox": "bbox IoU",
     "iou_surface": "surface IoU",
@@ -51,21 +51,21 @@ _DECIMALS = {
     "training_seconds": 0,
     "training_steps": 0,
 }
-# Fewer parts are no better than as many as there are, and lookups are not counted for every row.
+# Fewer parts are not better, and lookups are not counted for every row.
 INCOMPARABLE = ("components", "lookups")
 UNKNOWN = "-"
-# A score of a row by the seed of its training.
+# A row's score by the seed of its training.
 BySeed = Mapping[int, float | None]
 _MARKS = (
     "Rows marked ° learn nothing; rows marked °° are the truth itself, skinned by LBS, and take no part in the "
-    "comparison. Bold: what no other row beats, on the seeds that both were scored for, by more than the difference "
-    "spreads over them; where that is one seed, by more than the spread of either, and without any spread a small lead "
-    "may be chance."
+    "comparison. Bold: rows that no other row beats, on the seeds of both, by more than the spread of the difference "
+    "over them; with one common seed, by more than the spread of either. Without any spread a small lead "
+    "may be random."
 )
 _SWITCHES = (
     "One seed. The paper's supervision is several: weights at rest on the surface alone, neither posed motion nor "
     "random poses, no position loss, uniform labelled points, absolute difference of occupancies. Without the weight "
-    "loss alone the position loss still tells the weights."
+    "loss alone the position loss still trains the weights."
 )
 _MEANINGS = {
     **{name: kind.summary for name, kind in all_methods().items()},
@@ -113,7 +113,7 @@ def study_tables(plan: Plan, store: Store, titles: Mapping[str, str]) -> list[Ta
     plan : Plan
     store : Store
     titles : mapping of str to str
-        What characters are called.
+        Titles of characters.
 
     Returns
     -------
@@ -173,7 +173,7 @@ def _overview_table(plan: Plan, known: Sequence[Score], titles: Mapping[str, str
 
 
 def _legend_table(plan: Plan) -> Table:
-    """What the rows of tables are."""
+    """The meaning of rows."""
     names = order(e.method for e in plan.entries if e.part == "methods")
     rows = tuple((label(name), (Cell(_MEANINGS[name]),)) for name in names)
     return Table("overview", "What the rows are", "", ("method", "what it is"), rows, words=True)
@@ -205,10 +205,10 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
     fields += [("methods", poses, "lookups") for poses in sets if poses == "unseen"]
     fields += [("methods", "", score) for score in ("seconds", "training_seconds", "training_steps")]
     surfaces = [("surfaces", poses, score) for poses in surface_sets for score in _SURFACE_SCORES]
-    field_note = f"{spread}; what has no ± was scored for the first seed. Surface IoU within noise of 0.006 L. {_MARKS}"
+    field_note = f"{spread}; rows without ± are of the first seed. Surface IoU within noise of 0.006 L. {_MARKS}"
     surface_note = (
-        "Extracted surfaces; what has no ± was scored for the first seed. Lengths in % of L. Skin that lies inside the "
-        "body counts as true: a row that leaves such skin, and so more parts, can come nearer to it than the floor. "
+        "Extracted surfaces; rows without ± are of the first seed. Lengths in % of L. Surface inside the "
+        "body counts as true: a row that keeps it, and so more parts, can come nearer to it than the floor. "
         f"{_MARKS}"
     )
     worst_note = f"IoU of the worst frame. {field_note}"
@@ -221,7 +221,7 @@ def _main_tables(plan: Plan, known: Sequence[Score], character: str, title: str)
 
 
 def _predicting(entries: Sequence[Entry]) -> list[str]:
-    """Rows that say what is inside; the floor has a surface alone."""
+    """Rows with occupancy: all but the floor, which has a surface only."""
     return [name for name in order(entry.method for entry in entries) if name != "floor"]
 
 
@@ -288,8 +288,8 @@ def _distance_table(plan: Plan, entries: Sequence[Entry], known: Sequence[Score]
     )
     note = (
         "Mean absolute difference from the posed mesh's own signed distance at the points near the surface, in % of L. "
-        "Where the body overlaps itself, that is the distance to skin inside it, of which the rest shape knows "
-        "nothing. Default model, one seed."
+        "Where the body overlaps itself, that is the distance to surface inside it, which the rest shape does not "
+        "have. Default model, one seed."
     )
     headings = [f"{poses}: {kinds[kind]}" for poses, kind in columns]
     return Table("distance", "Error of the distance", note, ("character", *headings), rows)
@@ -313,20 +313,20 @@ def _controls_table(
     by_character: Mapping[str, Mapping[str, Mapping[str, float]]], known: Sequence[Score], titles: Mapping[str, str]
 ) -> Table:
     kinds = ("perfect", "empty", "inverted")
-    asked: dict[tuple[str, str], list[float]] = {}
+    lbs_scores: dict[tuple[str, str], list[float]] = {}
     for row in known:
         if row.part == "methods" and row.method == "mesh-lbs" and row.mean is not None:
-            asked.setdefault((row.character, row.score), []).append(row.mean)
+            lbs_scores.setdefault((row.character, row.score), []).append(row.mean)
     rows = []
     for character, found in by_character.items():
         values = [found.get(kind, {}).get(name) for kind in kinds for name in IOUS]
-        values += [min(asked.get((character, name), []), default=None) for name in IOUS]
+        values += [min(lbs_scores.get((character, name), []), default=None) for name in IOUS]
         rows.append((titles.get(character, character), tuple(Cell(_text(value, None, 4)) for value in values)))
     columns = [f"{kind}: {name}" for kind in (*kinds, "mesh LBS") for name in IOUS]
     note = (
-        "Predictions whose scores are known, 1 for a perfect one (the truth asked once more) and 0 for an empty and an "
-        "inverted one, in the first pose of each set of every scoring; told is the scoring that is most wrong. Mesh "
-        "LBS is the truth asked as methods are, in their frame and precision: its worst pose set."
+        "Predictions with expected scores, 1 for a perfect one (the truth evaluated again) and 0 for an empty and an "
+        "inverted one, in the first pose of each set of every scoring; shown is the scoring that is most wrong. Mesh "
+        "LBS is the truth evaluated as a method, in their frame and precision: its worst pose set."
     )
     return Table("controls", "Controls", note, ("character", *columns), tuple(rows))
 
@@ -343,7 +343,7 @@ def _rows(
     kinds: Sequence[str],
     labelled: Callable[[str], str],
 ) -> tuple[tuple[str, tuple[Cell, ...]], ...]:
-    """Rows of a table from the values of all seeds; marked is what no other row of its column beats."""
+    """Rows of a table from the values of all seeds; a cell that no other row of its column beats is marked."""
     compared = [i for i, name in enumerate(names) if name not in TRUTH]
     marked = set()
     for j, score in enumerate(kinds):
@@ -363,10 +363,10 @@ def _rows(
 
 
 def _beats(one: BySeed, other: BySeed, score: str) -> bool:
-    """Whether a row is better than another on the seeds that both have, by more than chance is seen to do.
+    """Whether a row is better than another on the seeds of both, by more than the spread of the difference.
 
-    Seeds differ by more than the training: poses and points are theirs too, so that rows are compared seed by seed, and
-    as they are printed.
+    A seed also changes poses and points, so rows are compared seed by seed, with rounded
+    scores.
     """
     sign = 1 if score in HIGHER_IS_BETTER else -1
     shown = [

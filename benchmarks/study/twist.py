@@ -43,7 +43,7 @@ def twist_table(
     seed : int
         Of the training.
     minutes : float, optional
-        How long to train; by default as many steps as `steps` says.
+        How long to train; by default `steps` steps.
     steps : int, optional
         How many; by default what suits the character.
     resolution : int
@@ -77,7 +77,7 @@ def twist_table(
     All volumes are by the divergence theorem. The twisted capsule covers no place twice, so that is the volume where
     its winding number is one, the truth of the labelled points.
 
-    The model is trained on the twist itself, both ways and up to the largest one. All maps ask the same network.
+    The model is trained on the twist itself, both ways and up to the largest one. All maps use the same network.
 
     A blend of rotations about one axis only ever moves points towards it. Skinning does so, which is the candy wrapper;
     the inverse of the blend (eq. 6) takes it back. The blend of inverses (the map called "reverse" in a comment of the

@@ -25,7 +25,7 @@ from nilbs.models.protocol import IOUS
 if TYPE_CHECKING:
     from nilbs.models.model import Model
 
-_WATCH = 2.0  # seconds between two looks at whether anybody still waits for the answer
+_WATCH = 2.0  # seconds between checks whether the parent process is still there
 
 
 def main() -> None:
@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def do(job: Job, store: Store, data: Path | None) -> bool:
-    """Do a job and keep its result, or why there is none.
+    """Do a job and keep its result, or the reason why there is none.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _train(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
 
 
 def _checkpoint(job: Job, store: Store) -> Path:
-    """Where a training is kept while it runs; named after its spec, so that one of other settings is not in the way."""
+    """Where a training is kept while it runs; named after its spec, so that other settings have another file."""
     path, digest = store.model(job.key), hashlib.sha256(json.dumps(job.spec, sort_keys=True).encode())
     return path.with_name(f"{path.stem}.{digest.hexdigest()[:12]}.checkpoint")
 
@@ -184,7 +184,7 @@ def _failures(job: Job, store: Store, data: Path | None) -> Mapping[str, Any]:
 
 
 def _made(spec: Mapping[str, Any]) -> dict[str, Any]:
-    """What a job's function is called with: without what only tells other code's results apart."""
+    """Arguments of a job's function: its spec without the digests that only mark other code's results."""
     return {name: value for name, value in spec.items() if name != "defaults"} | {"device": "cpu"}
 
 
@@ -209,7 +209,7 @@ def _tell(line: str) -> None:
 
 
 def _end_with(parent: int) -> None:
-    """End this process when the one that gave the jobs is gone."""
+    """End this process when its parent ends."""
     while os.getppid() == parent:
         sleep(_WATCH)
     os._exit(1)

@@ -1,4 +1,4 @@
-"""The baseline of the documentation: one file, no change elsewhere; it trains, scores and is saved as all others."""
+"""The baseline of the documentation: one file, no change elsewhere; it is trained, scored and saved like all others."""
 
 import runpy
 from pathlib import Path
