@@ -245,8 +245,8 @@ def _self_contact(model: "Model", path: Path) -> Failure:
         "Skinning lets a body pass through itself. A place that is covered twice counts as inside, once: inside is "
         "where the winding number of the skinned outline is not zero. Where two parts overlap the truth does not "
         "separate them, and their contact has no surface. Such a place has two canonical points. The inverse map gives "
-        "one blend of bones for each place and must pass from the arm's to the body's somewhere; the root search starts in "
-        f"every part that lies there and takes one that is inside. {' '.join(sentences)}"
+        "one blend of bones for each place and must pass from the arm's to the body's somewhere; the root search "
+        f"starts in every part that lies there and takes one that is inside. {' '.join(sentences)}"
     )
     return "Self-contact", caption, path
 

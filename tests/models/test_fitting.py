@@ -41,7 +41,7 @@ SIZES = {
 }
 TINY = Nilbs(steps=20, learning_rate=0.01, **SIZES)
 MLP = Mlp(steps=20, **{name: size for name, size in SIZES.items() if "resolution" not in name})
-# Steps between two looks at the labelled points, where a training may be continued.
+# Steps between two refreshes of the errors, after which a training may be continued.
 REFRESH = 5
 
 

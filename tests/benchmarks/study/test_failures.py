@@ -54,7 +54,7 @@ def test_three_figures_with_titles_and_captions(tmp_path, monkeypatch, fins):
 def test_a_caption_counts_points_covered_once_and_twice():
     times = np.array([0, 0, 1, 1, 1, 1, 2, 2])
     inside = np.array([0, 1, 1, 1, 1, 0, 1, 0], dtype=bool)
-    printed = failures._told_of_contact("map", times, inside)
+    printed = failures._contact_words("map", times, inside)
     assert re.findall(r"[\d.]+%", printed) == ["75.0%", "50.0%", "50.00%"]  # once, twice; 3 wrong ones of 6
 
 
