@@ -48,7 +48,7 @@ class Scene:
     @classmethod
     def of(cls, character: Character, motion: Motion, like: Tensor, *, seed: int, progress: bool = False) -> Self:
         """The scene of a motion; `like` has the field's precision and device."""
-        frame = UnitFrame(character, torch.from_numpy(motion.B))
+        frame = UnitFrame(character, torch.from_numpy(np.array(motion.B)))
         return cls(character, motion, frame, frame.B.to(like), np.random.default_rng([seed, _STREAM]), progress)
 
     def labelled_points(self, n: int, *, noise: float) -> OccupancySamples:

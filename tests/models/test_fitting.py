@@ -289,6 +289,14 @@ def test_minutes_are_positive_and_stand_alone(minutes: float, steps: int | None,
         fit(*bar, TINY, steps=steps, device="cpu", minutes=minutes)
 
 
+def test_frames_may_lie_in_memory_in_any_order(bar) -> None:
+    character, motion = bar
+    backwards, copy = motion.B[::-1], motion.B[::-1].copy()
+    copy.flags.writeable = False
+    losses = [fit(character, replace(motion, B=B), MLP, steps=2, device="cpu").history for B in (backwards, copy)]
+    np.testing.assert_array_equal(*losses)
+
+
 def test_a_method_that_learns_nothing_takes_no_minutes(bar) -> None:
     assert not len(fit(*bar, "nearest", device="cpu", minutes=1).history)
 
