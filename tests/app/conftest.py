@@ -26,9 +26,9 @@ def make_bar(d):
     # The flat bar below and above, and walls around.
     n = len(V)
     below, above = np.hstack([V, np.full((n, 1), -0.5)]), np.hstack([V, np.full((n, 1), 0.5)])
-    rim = np.concatenate([node[:, 0], node[-1, 1:], node[-2::-1, -1], node[0, -2:0:-1]])
-    after = np.roll(rim, -1)
-    walls = np.concatenate([np.stack([rim, after, after + n], 1), np.stack([rim, after + n, rim + n], 1)])
+    outline = np.concatenate([node[:, 0], node[-1, 1:], node[-2::-1, -1], node[0, -2:0:-1]])
+    after = np.roll(outline, -1)
+    walls = np.concatenate([np.stack([outline, after, after + n], 1), np.stack([outline, after + n, outline + n], 1)])
     return np.concatenate([below, above]), np.concatenate([T[:, ::-1], T + n, walls]), C, BE
 
 

@@ -241,9 +241,9 @@ def test_train_for_nothing_is_refused(assets, nilbs, out, quick_training):
     files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--frames", 2)
     off = [word for name in ("occupancy", "weight", "position") for word in (f"--{name}-loss", "0")]
     for forward in ("grid", "network"):
-        status, _, said = nilbs("train", *files, *off, "--forward", forward, "-o", out / "m.nilbs")
+        status, _, error = nilbs("train", *files, *off, "--forward", forward, "-o", out / "m.nilbs")
         assert status == 2
-        assert "every loss of the weight network is off: there is nothing to train for" in said
+        assert "every loss of the weight network is off: there is nothing to train for" in error
     assert os.listdir(out) == []
 
 
@@ -285,7 +285,7 @@ def test_train_moves_as_the_files_do(assets, succeeds, nilbs, out, tmp_path, qui
 
 
 @pytest.mark.parametrize("saved", [True, False])
-def test_an_interrupted_training_says_how_to_go_on(assets, nilbs, out, monkeypatch, saved):
+def test_an_interrupted_training_reports_how_to_continue(assets, nilbs, out, monkeypatch, saved):
     def interrupted(*args, checkpoint, **options):
         if saved:
             Path(checkpoint).touch()
@@ -302,7 +302,7 @@ def test_an_interrupted_training_says_how_to_go_on(assets, nilbs, out, monkeypat
 def test_resume(assets, nilbs, succeeds, out, monkeypatch, quick_training):
     from nilbs.fields import training
 
-    # A training is saved, and goes on, where it looks at its labelled points anew.
+    # A training is saved, and continues, where it refreshes its errors.
     monkeypatch.setattr("nilbs.fields.objective.REFRESH", 4)
     files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--steps", 8)
     alone = succeeds("train", *files, "-o", out / "alone.nilbs")
@@ -404,13 +404,13 @@ def test_evaluate(assets, succeeds, nilbs, out, d, monkeypatch):
     assert text == (out / "deep" / "er" / "scores.txt").read_text()
 
 
-def test_evaluate_tells_what_it_cannot_write_before_it_works(assets, nilbs, out, monkeypatch):
+def test_evaluate_reports_files_that_it_cannot_write_before_it_starts(assets, nilbs, out, monkeypatch):
     monkeypatch.setattr("nilbs.models.evaluation.evaluate", lambda *_, **__: pytest.fail("worked"))
     (out / "ghost.png").mkdir(parents=True)
-    status, _, said = nilbs("evaluate", assets / "bar2.nilbs", "--out", out)
+    status, _, error = nilbs("evaluate", assets / "bar2.nilbs", "--out", out)
     assert status == 2
-    assert "ghost.png" in said
-    assert "folder" in said
+    assert "ghost.png" in error
+    assert "folder" in error
 
 
 def test_evaluate_scores_the_floor_beside_the_model(assets, succeeds, nilbs):
@@ -475,7 +475,7 @@ def test_weights_of_a_group_of_one_file(assets, succeeds, out, bar):
     assert alone["notes"] == []
 
 
-def test_weights_tell_what_was_decided(assets, nilbs, succeeds, out):
+def test_weights_report_decisions(assets, nilbs, succeeds, out):
     lines = (assets / "bar3.obj").read_text().splitlines(keepends=True)
     (out / "open.obj").write_text("".join(lines[:-3]))
     values = succeeds("weights", out / "open.obj", assets / "bar.tgf")

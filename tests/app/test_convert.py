@@ -146,7 +146,7 @@ def test_a_rig_alone(body, out, succeeds):
 
 
 def test_a_motion_is_mapped_onto_the_rig(body, out, succeeds, tmp_path):
-    # The same bones by other names: a map says which is which, and crosses nothing.
+    # The same bones with other names, matched by a map.
     parts = read_bundle(body / "wave.bvh")
     (body / "wave.bvh").write_text((body / "wave.bvh").read_text().replace("upper", "A1").replace("lower", "A2"))
     write_bone_map(tmp_path / "map.json", {"upper": "A1", "lower": "A2"})
@@ -157,7 +157,7 @@ def test_a_motion_is_mapped_onto_the_rig(body, out, succeeds, tmp_path):
     assert np.abs(posed(out, "x.glb") - U).max() <= CLOSE * 4
 
 
-def test_a_guess_is_written_to_be_corrected(body, out, succeeds, fails):
+def test_a_bone_map_is_written_to_be_corrected(body, out, succeeds, fails):
     files = [body / name for name in ("body.obj", "body_rig.txt", "wave.bvh")]
     succeeds("convert", *files, "--write-map", out / "map.json", "-o", out / "x.glb")
     assert json.loads((out / "map.json").read_text()) == {"upper": "upper", "lower": "lower"}

@@ -54,7 +54,7 @@ def test_demo_refuses_another_dimension(tmp_path, capsys):
     assert not (tmp_path / "never").exists()
 
 
-def test_demo_says_where_it_cannot_write(tmp_path, capsys):
+def test_demo_names_a_folder_that_it_cannot_write(tmp_path, capsys):
     (tmp_path / "file").write_text("in the way")
     assert main(["demo", "--out", str(tmp_path / "file"), *SMALL]) == 2
     assert str(tmp_path / "file") in capsys.readouterr().err

@@ -74,7 +74,7 @@ def test_a_sound_cube(mesh):
         ),
     ],
 )
-def test_what_is_wrong_with_a_cube(mesh, V, F, problem):
+def test_defects_of_a_cube(mesh, V, F, problem):
     assert any(found.startswith(problem) for found in mesh(V, F)["problems"])
 
 
@@ -130,7 +130,7 @@ def test_a_rig(tmp_path, succeeds):
 
 @pytest.mark.parametrize("suffix", [".dmat", ".npz"])
 def test_weights(tmp_path, succeeds, suffix):
-    W = np.full((24, 2), 0.5)  # 24 rows: a motion of two bones, if the numbers did not tell otherwise
+    W = np.full((24, 2), 0.5)  # 24 rows could be a motion of two bones; the numbers show weights
     W = np.hstack([W, np.zeros((24, 1))])
     path = tmp_path / f"a{suffix}"
     write_weights(path, W)

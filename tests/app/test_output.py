@@ -9,7 +9,7 @@ import pytest
 from nilbs.app.output import rows, show
 
 
-def test_what_json_does_not_know_is_printed_as_what_it_does(capsys):
+def test_types_that_json_lacks_are_converted(capsys):
     values = {"a": np.arange(3), "b": np.float32(0.5), "c": np.nan, "d": [np.inf, None], "e": Path("x"), 1: (True, 2)}
     show(values, as_json=True)
     shown = json.loads(capsys.readouterr().out)

@@ -115,7 +115,7 @@ def test_weights_of_another_mesh(folder, group, counted):
         load_bundle([folder / "cubes.obj", folder / "rig.txt", folder / "nine.dmat"], group=group)
 
 
-def test_what_was_painted_badly_is_mended_and_told(folder, W, lines):
+def test_badly_painted_weights_are_repaired_with_a_note(folder, W, lines):
     W = W * 2
     W[3], W[8] = 0, [-0.5, 1.5]
     write_weights(folder / "all.npz", W)

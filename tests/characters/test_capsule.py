@@ -115,7 +115,7 @@ def test_it_is_the_same_every_time(d):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "message"),
     [
         ({"length": 0.3}, "more than twice the radius"),
         ({"radius": 0.0}, "more than twice the radius"),
@@ -124,6 +124,6 @@ def test_it_is_the_same_every_time(d):
         ({"d": 4}, "d must be 2 or 3"),
     ],
 )
-def test_what_is_no_capsule_is_refused(wrong, told):
-    with pytest.raises(ValueError, match=told):
+def test_wrong_capsules_are_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
         capsule(**{"length": LENGTH, "radius": RADIUS, "resolution": 8, **wrong})

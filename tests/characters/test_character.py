@@ -116,7 +116,7 @@ def test_given_weights_are_kept_and_spread_inside(d: int, characters) -> None:
     assert not lines
 
 
-def test_weights_that_leave_the_simplex_are_mended_and_that_is_said() -> None:
+def test_weights_outside_the_simplex_are_repaired_with_a_note() -> None:
     W = np.array([[2, 0], [0, 0], [-0.2, 1], [0.3, 0.7]])
     lines: list[str] = []
     c = assemble(*shape(2), W, report=lines.append)
@@ -126,7 +126,7 @@ def test_weights_that_leave_the_simplex_are_mended_and_that_is_said() -> None:
         "weights that do not sum to one (2 to 2): they are normalised",
         "no weight",
     ]
-    # What is only rounded is mended in silence.
+    # Rounding errors are repaired without a note.
     lines.clear()
     c = assemble(*shape(2), np.full((4, 2), 0.5 + 1e-8), report=lines.append)
     np.testing.assert_allclose(c.W.sum(axis=1), 1, atol=1e-15)
@@ -146,7 +146,7 @@ def test_the_volume_of_an_open_surface_with_weights_is_wrapped_around_it() -> No
     assert np.abs(c.W_volume[inside] - across(c.V_volume[inside])).mean() < 0.05
 
 
-def test_an_open_surface_is_solved_in_a_wrap_and_that_is_said() -> None:
+def test_an_open_surface_is_solved_in_a_wrap_with_a_note() -> None:
     V, F, bones = shape(3)
     lines: list[str] = []
     c = assemble(V, F[2:], bones, report=lines.append)
@@ -184,7 +184,7 @@ def test_facets_of_different_charts_are_turned_alike() -> None:
     assert is_watertight(c.F)
 
 
-def test_facets_that_face_the_wrong_way_are_turned_and_that_is_said() -> None:
+def test_facets_that_face_the_wrong_way_are_turned_with_a_note() -> None:
     V, F, bones = shape(3)
     turned = F.copy()
     turned[[3, 7]] = turned[[3, 7]][:, ::-1]

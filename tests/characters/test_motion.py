@@ -80,7 +80,7 @@ def test_no_frames_cannot_be_taken() -> None:
 @pytest.mark.parametrize(
     ("B", "frames"), [(np.zeros((3, 1, 3, 3)), np.arange(2)), (np.zeros((3, 1, 3, 4)), np.arange(3)), (np.eye(3), [0])]
 )
-def test_what_is_no_motion_is_refused(B: np.ndarray, frames: np.ndarray) -> None:
+def test_wrong_motions_are_refused(B: np.ndarray, frames: np.ndarray) -> None:
     with pytest.raises(ValueError, match="must be"):
         Motion(B, frames, "nothing")
 
@@ -149,8 +149,11 @@ def test_motions_of_other_rigs_or_of_no_known_format_are_refused(characters, tmp
     write_transforms(tmp_path / "tilted.dmat", B)
     with pytest.raises(FileFormatError, match=r"frame 2 moves bone 5 out of the plane of a flat character$"):
         load_motion(tmp_path / "tilted.dmat", flat)
-    for name, said in (("m.abc", r"end in \.dmat or \.json or \.bvh or .*, not \.abc$"), ("m", "this one has none$")):
-        with pytest.raises(FileFormatError, match=said):
+    for name, message in (
+        ("m.abc", r"end in \.dmat or \.json or \.bvh or .*, not \.abc$"),
+        ("m", "this one has none$"),
+    ):
+        with pytest.raises(FileFormatError, match=message):
             load_motion(tmp_path / name, flat)
     with pytest.raises(FileNotFoundError):
         load_motion(tmp_path / "none.json", flat)
@@ -207,7 +210,7 @@ def test_between_frames_joints_stay_together_where_there_is_a_skeleton(d: int, r
         local_rotations(skeleton.C, skeleton.BE, skeleton.P, replace(motion, skeleton=None).at(frame=1.3))
 
 
-def test_a_motion_in_json_moves_and_scales_bones_and_tells_its_times(tmp_path: Path) -> None:
+def test_a_motion_in_json_moves_and_scales_bones_and_has_times(tmp_path: Path) -> None:
     skeleton = limb(3, "a", "b", "c")
     (tmp_path / "m.json").write_text(
         '{"fps": 10, "frames": [{}, {"b": {"rotation": [0, 0, 90], "translation": [0, 0, 1], "scale": 2}}]}'
@@ -222,7 +225,7 @@ def test_a_motion_in_json_moves_and_scales_bones_and_tells_its_times(tmp_path: P
     np.testing.assert_allclose(motion[1][1] @ [1, 0, 0, 1], [1, 0, 1, 1], atol=1e-12)
 
 
-def test_what_hangs_from_a_given_transform_follows_it(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_children_of_a_given_transform_follow_it(tmp_path: Path, rng: np.random.Generator) -> None:
     skeleton = limb(3, "a", "b", "c")
     given = np.eye(4)
     given[:3] = rng.normal(size=(3, 4))
@@ -252,25 +255,25 @@ def test_a_clip_of_the_same_bones_is_taken_as_it_is(tmp_path: Path, rng: np.rand
     skeleton = limb(3, "a", "b", "c")
     clip = Clip("swing", skeleton, np.array([0, 0.5, 1, 1.5]), swung(skeleton, rng))
     write_bvh(tmp_path / "m.bvh", clip)
-    said: list[str] = []
-    motion = load_motion(tmp_path / "m.bvh", skeleton, report=said.append)
+    notes: list[str] = []
+    motion = load_motion(tmp_path / "m.bvh", skeleton, report=notes.append)
     np.testing.assert_allclose(motion.B, clip.B, atol=1e-5)
     np.testing.assert_allclose(motion.times, clip.times, atol=1e-6)
-    assert (motion.source, said) == ("m.bvh", [])
+    assert (motion.source, notes) == ("m.bvh", [])
     # Whatever their order and in whatever company.
     other = Skeleton([[1, 0, 0], [0, 0, 0], [2, 0, 0]], [[0, 2], [1, 0]], [1, -1], ("b", "a"))
     np.testing.assert_allclose(load_motion(tmp_path / "m.bvh", other).B, clip.B[:, [1, 0]], atol=1e-5)
 
 
-def test_a_clip_of_another_skeleton_is_mapped_and_that_is_said(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_a_clip_of_another_skeleton_is_mapped_with_a_note(tmp_path: Path, rng: np.random.Generator) -> None:
     source, target = limb(3, "UpArm_L", "LoArm_L", "Hand_L", "ring"), limb(3, "upperarm.L", "forearm.L", "tail", size=2)
     clip = Clip("swing", source, np.arange(4) / 10, swung(source, rng))
     write_bvh(tmp_path / "m.bvh", clip)
-    said: list[str] = []
-    motion = load_motion(tmp_path / "m.bvh", target, report=said.append)
+    notes: list[str] = []
+    motion = load_motion(tmp_path / "m.bvh", target, report=notes.append)
     np.testing.assert_allclose(motion.B[:, :2, :3, :3], clip.B[:, :2, :3, :3], atol=1e-5)
     np.testing.assert_allclose(motion.B[:, 2], motion.B[:, 1], atol=1e-12)
-    assert said == [
+    assert notes == [
         "m.bvh: 2 of 3 bones follow a bone of the motion, 0 of them one of the same name",
         "m.bvh: UpArm_L -> upperarm.L",
         "m.bvh: LoArm_L -> forearm.L",
@@ -289,16 +292,16 @@ def test_a_clip_of_another_skeleton_is_mapped_and_that_is_said(tmp_path: Path, r
     np.testing.assert_allclose(own[:, 3, :3, :3], clip.B[:, 0, :3, :3], atol=1e-5)
 
 
-def test_other_axes_and_far_starts_are_said(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_other_axes_and_far_starts_are_noted(tmp_path: Path, rng: np.random.Generator) -> None:
     source = limb(3, "a", "b")
     turned = Skeleton(source.C[:, [2, 0, 1]], source.BE, source.P, source.names)
     B = swung(source, rng)
     B[..., 1, 3] += 50
     write_bvh(tmp_path / "m.bvh", Clip("m", source, np.arange(4) / 24, B))
-    said: list[str] = []
-    motion = load_motion(tmp_path / "m.bvh", turned, report=said.append)
-    assert "axes differ: its x is y here" in said[-2]
-    assert "starts far from its rest pose along" in said[-1]
+    notes: list[str] = []
+    motion = load_motion(tmp_path / "m.bvh", turned, report=notes.append)
+    assert "axes differ: its x is y here" in notes[-2]
+    assert "starts far from its rest pose along" in notes[-1]
     np.testing.assert_allclose(motion.B[0], np.tile(np.eye(4), (2, 1, 1)), atol=1e-5)
 
 
@@ -434,7 +437,7 @@ def test_clips_in_the_plane(tmp_path: Path, rng: np.random.Generator) -> None:
     ("name", "scale"), [("walk1", 1.056), ("zombieWalk1", 1.056), ("dance1", 1.060), ("tpose", 0.997)]
 )
 def test_motions_of_a_person_on_another_rig(data: Path, name: str, scale: float) -> None:
-    """Clips that are Z up and rest in a T on a rig that is Y up and rests with bent arms, by guess."""
+    """Clips that are Z up and rest in a T on a rig that is Y up and rests with bent arms, by the map found."""
     from nilbs.geometry.retargeting import guess_bone_map
     from nilbs.io.bvh import read_bvh
     from nilbs.io.makehuman import read_mhskel
@@ -443,11 +446,11 @@ def test_motions_of_a_person_on_another_rig(data: Path, name: str, scale: float)
     folder = data / "makehuman"
     target = read_mhskel(folder / "default.mhskel", read_mesh(folder / "base.obj")[0])
     (clip,) = read_bvh(folder / f"{name}.bvh").clips
-    guess = guess_bone_map(clip.skeleton, target)
-    said: list[str] = []
-    motion = load_motion(folder / f"{name}.bvh", target, report=said.append)
+    bone_map = guess_bone_map(clip.skeleton, target)
+    notes: list[str] = []
+    motion = load_motion(folder / f"{name}.bvh", target, report=notes.append)
     assert any(
-        f"its y is -z here, its z is y here; lengths are multiplied by {scale:.3f}"[:-1] in line for line in said
+        f"its y is -z here, its z is y here; lengths are multiplied by {scale:.3f}"[:-1] in line for line in notes
     )
     local_rotations(target.C, target.BE, target.P, motion.B)
 
@@ -460,7 +463,11 @@ def test_motions_of_a_person_on_another_rig(data: Path, name: str, scale: float)
                         ("lowerleg01", "foot")):  # fmt: skip
         for side in ".L", ".R":
             mine = joints(target, motion.B, first + side, then + side)
-            theirs = joints(clip.skeleton, clip.B, guess[first + side], guess[then + side])[..., [0, 2, 1]] * [1, 1, -1]
+            theirs = joints(clip.skeleton, clip.B, bone_map[first + side], bone_map[then + side])[..., [0, 2, 1]] * [
+                1,
+                1,
+                -1,
+            ]
             way, way_theirs = mine[:, 1] - mine[:, 0], theirs[:, 1] - theirs[:, 0]
             cosine = (way * way_theirs).sum(-1) / np.linalg.norm(way, axis=-1) / np.linalg.norm(way_theirs, axis=-1)
             assert cosine.min() > 1 - (5e-3 if name == "tpose" else 1e-9)  # whose joints come apart

@@ -192,7 +192,7 @@ def test_a_clip_out_of_several_must_be_chosen(parts, tmp_path):
     assert [clip.name for clip in read_bundle(tmp_path / "a.glb").clips] == ["walk", "run"]
 
 
-def test_the_name_tells_weights_from_a_motion(parts, tmp_path):
+def test_the_name_separates_weights_from_a_motion(parts, tmp_path):
     with pytest.raises(ValueError, match=r"call it \.\.\.-weights\.dmat or"):
         write_bundle(parts, [tmp_path / "a.dmat"])
     write_bundle(Bundle(influences=parts.influences), [tmp_path / "a.dmat"])
@@ -215,7 +215,7 @@ def test_the_name_tells_weights_from_a_motion(parts, tmp_path):
         ("a.glb", "influences", "there is no mesh and no rig to write"),
     ],
 )
-def test_what_a_format_needs_and_is_not_there(parts, tmp_path, name, present, message):
+def test_data_that_a_format_needs_but_lacks(parts, tmp_path, name, present, message):
     with pytest.raises(ValueError, match=rf"{name}: {message}"):
         write_bundle(Bundle(**{present: getattr(parts, present)}), [tmp_path / name])
     assert os.listdir(tmp_path) == []
