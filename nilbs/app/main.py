@@ -27,26 +27,11 @@ _INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command.
+    """Run a command, given as the words after `nilbs`, by default those of the process, and return the exit status.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The words after `nilbs`; those of the process by default.
-
-    Returns
-    -------
-    status : int
-        0; 2 after a user's mistake, with one line on standard error; 130 after Ctrl-C; 1 if standard output was closed.
-
-    Raises
-    ------
-    SystemExit
-        By argparse, for --help (0) and for options that cannot be read (2).
-
-    Notes
-    -----
-    With NILBS_DEBUG=1 in the environment an error shows its traceback.
+    The status is 0; 2 after a user's mistake, with one line on standard error; 130 after Ctrl-C; 1 if standard output
+    was closed. argparse raises SystemExit for --help (0) and for wrong options (2). With NILBS_DEBUG=1 in the
+    environment an error shows its traceback.
 
     Examples
     --------
@@ -87,7 +72,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of all commands, with the options of the one that is called."""
     parser = argparse.ArgumentParser(
         prog="nilbs",
-        description="Neural inverse linear blend skinning: is a posed point inside, and how far from the skin?",
+        description="Neural inverse linear blend skinning: is a posed point inside, and how far from the surface?",
     )
     parser.add_argument("--version", action="version", version=f"nilbs {nilbs.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, title="commands")

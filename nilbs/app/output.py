@@ -8,16 +8,7 @@ from nilbs.io.strict_json import plain
 
 
 def show(values: Mapping[str, Any], *, as_json: bool, table: str | None = None) -> None:
-    """Print the results of a command.
-
-    Parameters
-    ----------
-    values : mapping
-        Names and values: numbers, text, lists, mappings, arrays.
-    as_json : bool
-        Print one JSON object.
-    table : str, optional
-        The text to print without `as_json`; by default a row for each value.
+    """Print the results of a command, as one JSON object or as a table, by default with a row for each value.
 
     Examples
     --------

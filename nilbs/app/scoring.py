@@ -11,24 +11,7 @@ SCORE_FILES = ("scores.json", "scores.txt")
 
 
 def write_scores(scores: "Scores", folder: Path) -> tuple[Path, Path]:
-    """Write scores for programs and for people.
-
-    Parameters
-    ----------
-    scores : Scores
-    folder : path
-        Where to; it must exist.
-
-    Returns
-    -------
-    files : tuple of path
-        Those of `SCORE_FILES`.
-
-    Raises
-    ------
-    OSError
-        If they cannot be written.
-    """
+    """Write scores as the `SCORE_FILES` of an existing folder, for programs and for people; return their paths."""
     from nilbs.io import replacing
     from nilbs.io.strict_json import plain
 

@@ -174,7 +174,7 @@ def assemble(
     progress : bool
         Show progress on standard error.
     report : function of str, optional
-        Receives a line on everything that was decided because the mesh or the rig asked for it.
+        Receives a line on every decision that depends on the mesh or the rig.
 
     Returns
     -------

@@ -159,8 +159,8 @@ class Motion:
         """
         if not len(self) or self.times[0] == self.times[-1]:
             return self.take(n)
-        wanted = np.linspace(self.times[0], self.times[-1], _at_least_one(n))
-        place = np.interp(wanted, self.times, np.arange(len(self)))
+        times = np.linspace(self.times[0], self.times[-1], _at_least_one(n))
+        place = np.interp(times, self.times, np.arange(len(self)))
         return self._taken(np.round(place, 9), n)  # times of even frames are not quite even
 
     def _taken(self, place: np.ndarray, n: int) -> "Motion":

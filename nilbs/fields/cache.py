@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 
 class RestCache(nn.Module):
-    """Signed distance and occupancy of the rest shape, interpolated multilinearly on a grid that is finer at the skin.
+    """Signed distance and occupancy of the rest shape, multilinear on a grid that is finer at the surface.
 
     Between nodes the value is linear along each axis. Where cells of different size meet, values on the two sides
     differ by about what the coarser interpolation misses. Outside the grid it is the value at the nearest point of the

@@ -9,16 +9,16 @@ from nilbs.fields.cramer import cramer, determinant
 from nilbs.fields.forward import Forward
 
 # Lengths are in units of the body's longest edge.
-ROOT = 1e-3  # farther from where it must be than this is no root
+ROOT = 1e-3  # a larger residual is no root
 STEP = 0.1  # the longest step
-SHORTER = 0.3  # a step that led farther away is taken again, this much shorter
+SHORTER = 0.3  # a step that increases the residual is repeated, this much shorter
 
 
 class ForwardMap(Protocol):
     """What a search inverts: `ForwardField` or `ForwardNetwork`."""
 
     def blends(self, B: Tensor) -> Tensor:
-        """What the other two take of a pose (b, d+1, d+1)."""
+        """A pose (b, d+1, d+1) in the form that the other two take."""
 
     def blend(self, x_rest: Tensor, blends: Tensor) -> Tensor:
         """Blended transforms (n, d, d+1) at rest points (n, d)."""
@@ -28,7 +28,7 @@ class ForwardMap(Protocol):
 
 
 class Roots(NamedTuple):
-    """Where searches ended: the best points (n, d), their residuals (n,), whether space is inside out there (n,).
+    """Where searches ended: the best points (n, d), their residuals (n,), and whether space is inside out there (n,).
 
     `evaluations` counts the look-ups of the forward field.
     """
@@ -45,7 +45,7 @@ def newton(
     """Rest points that forward skinning maps to posed points (n, d), by Newton's method from starts (n, d).
 
     The forward map is piecewise multilinear and its exact derivative comes with its value. A step is no longer than a
-    tenth of the body, and one that leads farther away is taken back and made shorter. Points with a residual below
+    tenth of the body, and one that increases the residual is repeated shorter. Points with a residual below
     `accuracy`, by default a hundred times the precision of x, are done. The result has no graph of derivatives.
     """
     if accuracy is None:
@@ -57,14 +57,14 @@ def newton(
         active = torch.arange(len(x), device=x.device)
         evaluations = 0
         for _ in range(iterations + 1):
-            guess = x_rest[active] + step
-            posed, jacobian = field.pose(guess, blends)
-            evaluations += len(guess)
+            trial = x_rest[active] + step
+            posed, jacobian = field.pose(trial, blends)
+            evaluations += len(trial)
             missing = x[active] - posed
             residual = missing.norm(dim=-1)
             better = residual < best[active]
             improved = active[better]
-            x_rest[improved], best[improved] = guess[better], residual[better]
+            x_rest[improved], best[improved] = trial[better], residual[better]
             inverted[improved] = determinant(jacobian[better].unbind(-1), dim=-1) < 0
             newton_step = cramer(jacobian.unbind(-1), missing, dim=-1)
             newton_step = newton_step * (STEP / newton_step.norm(dim=-1, keepdim=True).clamp_min(STEP))
@@ -80,8 +80,8 @@ def implicit(x: Tensor, root: Tensor, field: ForwardMap, blends: Tensor) -> Tens
     """Roots (n, d) as functions of the posed points and of the pose.
 
     They are the same points, one Newton step on, with first derivatives by the implicit function theorem: d x_rest =
-    J^-1 (d x - d posed), J being the derivative of posed by rest coordinates. `blends` carries the graph where
-    derivatives by the pose are wanted.
+    J^-1 (d x - d posed), J being the derivative of posed by rest coordinates. `blends` carries the graph if
+    derivatives by the pose are needed.
     """
     posed, jacobian = field.pose(root.detach(), blends)
     return root.detach() + cramer(jacobian.detach().unbind(-1), x - posed, dim=-1)

@@ -53,7 +53,7 @@ class OccupancyTerm:
         self.adaptive = adaptive and factor > 0
 
     def refresh(self, turn: int) -> None:
-        """Evaluate the field's error on some of the points, in turn others.
+        """Evaluate the field's error on every `STRIDE`-th point, from another one each turn.
 
         Turn 0 forgets all errors instead, because those of an untrained field mean nothing.
         """

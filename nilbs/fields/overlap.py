@@ -1,4 +1,4 @@
-"""Which parts of the body lie at a posed point: starts for its canonical points, one from each part."""
+"""Parts of the body at a posed point: starts for its canonical points, one from each part."""
 
 import torch
 from torch import Tensor
@@ -24,7 +24,7 @@ class Overlap:
     Parameters
     ----------
     x_rest : (s, d) tensor
-        Nodes in the body and just beyond its skin; of those that lie near each other the first stays.
+        Nodes in the body and just outside; of those that lie near each other the first stays.
     blends : (s, d (d+1)) tensor
         Their blended transforms.
     spacing : float
@@ -41,16 +41,16 @@ class Overlap:
         self.edge = max(CELL * spacing, float(extent.max()) / CELLS)
         self.shape = [int(size) + 1 for size in extent / self.edge]
         key = self._key(x)
-        known, cell = torch.unique(key, return_inverse=True)
+        occupied, cell = torch.unique(key, return_inverse=True)
         self.cell = torch.full((int(torch.tensor(self.shape).prod()),), -1, dtype=torch.int64, device=x.device)
-        self.cell[known] = torch.arange(len(known), device=x.device)
-        parts = torch.full((len(known), PARTS, d), torch.nan, dtype=x.dtype, device=x.device)
+        self.cell[occupied] = torch.arange(len(occupied), device=x.device)
+        parts = torch.full((len(occupied), PARTS, d), torch.nan, dtype=x.dtype, device=x.device)
         left = torch.arange(len(x), device=x.device)
         away = torch.full((len(x),), torch.inf, dtype=x.dtype, device=x.device)  # from all that stay in the cell
         for part in range(PARTS):
             # The first that is apart, or else the first that is not near.
             rank = left + torch.where(away[left] > APART * spacing, 0, len(x))
-            first = torch.full((len(known),), 2 * len(x), device=x.device)
+            first = torch.full((len(occupied),), 2 * len(x), device=x.device)
             first.scatter_reduce_(0, cell[left], rank, "amin")
             found = first < 2 * len(x)
             parts[found, part] = x_rest[first[found] % len(x)]

@@ -21,9 +21,9 @@ from nilbs.geometry.rest_grids import distance_bricks, weight_grid
 from nilbs.geometry.skin_fit import fit_to_skin
 from nilbs.geometry.validation import arrays
 
-# In units of L: how far around the body rest weights are known, and how far they go on beyond the skin unbroken.
+# In units of L: the band around the body with rest weights, and the distance beyond which they stay constant.
 BAND, DEPTH = 0.05, 0.015
-# Parts that the edge of a cell of the rest cache is divided in: at the skin, and again, twice, where interpolation
+# Parts that the edge of a cell of the rest cache is divided in: at the surface, and again, twice, where interpolation
 # misses the distance by more than this much, in units of L, and this share of it besides.
 PARTS, TOLERANCE, RELATIVE = (4, 2, 2), 1e-5, 0.01
 # Names of the field's parts that hold the grids.
@@ -148,7 +148,7 @@ def check_rest_state(state: Mapping[str, np.ndarray], character: Character) -> N
     for name in (f"{CACHE}.values", f"{CACHE}.origin", f"{FORWARD}.weight", f"{FORWARD}.origin"):
         if state[name].dtype.kind != "f":
             raise ValueError(f"{name} must be stored as floating-point numbers")
-    # Beyond the skin weights go on as they change inside, and leave 0 to 1, but not by much.
+    # Outside, weights continue linearly and leave [0, 1] a little.
     if not np.abs(weight).max(initial=0) < 100:
         raise ValueError("a rest weight is 100 or more")
     if bone.shape != weight.shape or row.min() < 0 or row.max() >= len(steps) or bone.min() < 0 or bone.max() >= b:

@@ -1,4 +1,4 @@
-"""Training data: labelled points of posed characters, and rest points whose weights are known."""
+"""Training data: labelled points of posed characters, and rest points with their weights."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

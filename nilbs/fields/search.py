@@ -20,9 +20,9 @@ from nilbs.fields.overlap import Overlap
 
 # Steps of one search; of the fixed point, which gains the same share in every step and no more.
 ITERATIONS, CONTRACTIONS = 6, 20
-# In units of the body's longest edge: a start this close to a known root finds it again, except in folds.
+# In units of the body's longest edge: a start this close to a root finds it again, except in folds.
 SAME = 0.02
-# In cells of the grid of weights: nodes no farther from the skin than this are starts.
+# In cells of the grid of weights: nodes no farther from the surface than this are starts.
 BEYOND = 2.0
 # In cells of the grid of weights: how far beside a root in a fold others are searched, on either side.
 ASIDE = (1.5, 3.0)
@@ -55,7 +55,7 @@ class SearchField(Field):
 
     Forward skinning has one weight field for all poses; only its inverse depends on the pose. A posed point is inside
     if forward skinning maps a point of the body there. The network's inverse map (eq. 6) gives a start close to such a
-    point, a few steps of Newton's method find it, and the residual, the distance between its image and the query,
+    point, a few steps of Newton's method find it, and the residual, the distance between its forward map and the query,
     decides whether it is a root. Where the body overlaps itself there are several roots, and one inside is enough: the
     search starts again from every part of the body that lies there. Where the body folds, roots lie close together: one
     at which space is turned inside out counts as minus one, and all together usually as one, so that there are two
@@ -73,7 +73,7 @@ class SearchField(Field):
 
     has_distance = True
     has_canonical_points = True
-    body: Tensor  # nodes of the forward field in the body and just beyond its skin, the deepest first
+    body: Tensor  # nodes of the forward field in the body and just outside, the deepest first
 
     def __init__(
         self, inverse: InverseField, forward_field: ForwardField, forward_network: ForwardNetwork | None = None
@@ -150,13 +150,13 @@ class PosedSearch:
         if traced:
             root = implicit(x, root, self.field.skinning, self.blends)
         x_rest = torch.where(solved[:, None], root, first)
-        # At roots it is known already, except for its derivatives.
+        # At roots only its derivatives are missing.
         distance = found.distance
         if traced:
             distance = cache.distance(x_rest)
         else:
             distance[~solved] = cache.distance(x_rest[~solved])
-        # A point without a canonical point is outside, about as far as the nearest image is from it.
+        # A point without a canonical point is outside, about as far as the smallest residual.
         distance = torch.where(solved, distance, torch.maximum(distance, found.residual))
         return Answer(distance, distance, x_rest, cache.width)
 
@@ -216,7 +216,7 @@ class PosedSearch:
 
 
 class Found(NamedTuple):
-    """Where searches ended (n, d), the distance there (infinite if that is no root), and what `Roots` has of it."""
+    """Ends of searches (n, d), distances there (infinite if no root), residuals, and where the map is inverted."""
 
     x_rest: Tensor
     distance: Tensor

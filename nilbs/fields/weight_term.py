@@ -33,7 +33,7 @@ class RandomPoses:
 
 
 class WeightTerm:
-    """Cross-entropy between a network's weights and known ones at rest points that skinning has posed.
+    """Cross-entropy between a network's weights and given ones at posed rest points.
 
     A posed point has the weights of the rest point it came from, in any pose; if `random_poses` are given, half of the
     poses are random. The paper's own loss is the special case of the rest pose and the rest vertices.
@@ -45,7 +45,7 @@ class WeightTerm:
     poses : (t, b, d+1, d+1) tensor, optional
         The motion's frames; None supervises rest points in the rest pose.
     rest : RestSamples
-        Rest points with known weights.
+        Rest points with given weights.
     random_poses : RandomPoses, optional
     factor, position_loss : float
         Factors of the cross-entropy, and of the mean distance (sum of absolute coordinates) by which the inverse map
@@ -82,9 +82,9 @@ class WeightTerm:
         logits = self.field.network(x, B)
         loss = self.factor * cross_entropy(logits, W)
         if self.position_loss:
-            image = inverse_map(x, torch.softmax(logits, dim=-1), B, root=self.field.root)
-            # A collapsed blend sends its image far away; beyond the size of the body further is no worse.
-            loss = loss + self.position_loss * (image - x_rest).abs().sum(dim=-1).clamp_max(1.0).mean()
+            found = inverse_map(x, torch.softmax(logits, dim=-1), B, root=self.field.root)
+            # A collapsed blend sends the point far away; errors beyond the size of the body count alike.
+            loss = loss + self.position_loss * (found - x_rest).abs().sum(dim=-1).clamp_max(1.0).mean()
         return loss
 
     def draw_poses(self, rng: np.random.Generator) -> Tensor:
@@ -100,7 +100,7 @@ class WeightTerm:
 
 
 class ForwardWeightTerm:
-    """Cross-entropy between a forward network's weights and known ones at so many rest points a step."""
+    """Cross-entropy between a forward network's weights and given ones at `points` rest points a step."""
 
     def __init__(self, network: ForwardNetwork, rest: RestSamples, *, points: int) -> None:
         like = next(network.parameters())
@@ -115,7 +115,7 @@ class ForwardWeightTerm:
 
 
 def cross_entropy(logits: Tensor, W: Tensor) -> Tensor:
-    """Mean cross-entropy of weights (..., b) and what logits (..., b or b+1) make of them."""
+    """Mean cross-entropy of weights (..., b) and the softmax of logits (..., b or b+1)."""
     return -(W * torch.log_softmax(logits, dim=-1)[..., : W.shape[-1]]).sum(dim=-1).mean()
 
 

@@ -26,27 +26,10 @@ def draw_body(
     colours: ScalarMappable | None = None,
     colour: str = BODY,
 ) -> None:
-    """Draw a posed surface.
+    """Draw a posed surface; `colours` maps `values` (n,) of the vertices, without values the body has one `colour`.
 
-    Parameters
-    ----------
-    panel : matplotlib Axes
-    view : View
-    U : (n, d) float array
-        Posed vertices, in mesh units.
-    F : (m, d) int array
-        Facets.
-    values : (n,) float array, optional
-        Values of the vertices, which `colours` turns into colours.
-    colours : matplotlib ScalarMappable, optional
-    colour : str, optional
-        Colour of the body without values.
-
-    Notes
-    -----
-    3D: the painter's algorithm, on triangles sorted by the depth of their centres. Triangles that are large compared
-    with the gap between two sheets may be drawn in the wrong order. The back faces of a closed surface are left out.
-    2D: the inside is where the winding number is not 0.
+    In space, triangles are drawn in the order of their centres' depth, so large triangles of close sheets may be in the
+    wrong order; back faces of a closed surface are left out. In the plane, inside is a winding number other than 0.
     """
     if not len(F):
         panel.text(0.5, 0.5, "empty surface", transform=panel.transAxes, ha="center", va="center", fontsize=9)

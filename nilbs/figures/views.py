@@ -59,18 +59,9 @@ class View:
 
 @dataclass(frozen=True)
 class Section:
-    """A square of pixels in a plane through space; in 2D, in the plane itself.
+    """A square of pixels in a plane parallel to the paper of a view; in 2D, in the plane itself.
 
-    Parameters
-    ----------
-    view : View
-        The plane is parallel to paper.
-    centre : (d,) float array
-        Middle of the square.
-    edge : float
-        Its edge, in mesh units.
-    pixels : int
-        Pixels along the edge.
+    Its `centre` (d,) and its `edge` are in mesh units, with `pixels` along the edge.
     """
 
     view: View
@@ -113,19 +104,7 @@ class Section:
         return float(self.lower[0]), float(self.upper[0]), float(self.lower[1]), float(self.upper[1])
 
     def cut(self, U: np.ndarray, F: np.ndarray) -> np.ndarray:
-        """The intersection of the plane with a surface, as segments on paper.
-
-        Parameters
-        ----------
-        U : (n, d) float array
-            Vertices.
-        F : (m, d) int array
-            Facets. In 2D every one of them lies in the plane.
-
-        Returns
-        -------
-        segments : (s, 2, 2) float array
-            Ends of the segments, in mesh units.
+        """The plane's intersection with a surface: ends (s, 2, 2) of segments on paper; in 2D, the facets themselves.
 
         Examples
         --------

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-_CHUNK = 2**18  # pairs looked at together
+_CHUNK = 2**18  # pairs compared together
 
 
 def overlapping_boxes(lower: np.ndarray, upper: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -116,7 +116,7 @@ def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
     surface = joined[whole]
     meeting = ridges(surface)
     _, _, alike = meeting.neighbours()
-    rim = meeting.corners[meeting.count == 1]
+    boundary = meeting.corners[meeting.count == 1]
     pairs, complete = self_intersections(V, F)
     return SurfaceReport(
         d=V.shape[1],
@@ -124,11 +124,11 @@ def surface_report(V: np.ndarray, F: np.ndarray) -> SurfaceReport:
         volume=enclosed_volume(V, F),
         vertices=len(count),
         components=components(surface, len(V)),
-        holes=_open_rims(rim),
-        open_ridges=len(rim),
+        holes=_holes(boundary),
+        open_ridges=len(boundary),
         crowded_ridges=int((meeting.count > 2).sum()),
         disagreeing_ridges=int((~alike).sum()),
-        t_junctions=t_junctions(V, rim) if V.shape[1] == 3 and complete else used[:0],
+        t_junctions=t_junctions(V, boundary) if V.shape[1] == 3 and complete else used[:0],
         pinched=_pinched(surface, meeting),
         inside_out=whole[_inside_out(V, surface, meeting)],
         degenerate=np.flatnonzero(degenerate_facets(V, F)),
@@ -185,10 +185,10 @@ def _repeated_rows(rows: np.ndarray) -> np.ndarray:
     return np.setdiff1d(np.arange(len(rows)), first)
 
 
-def _open_rims(rim: np.ndarray) -> int:
-    if rim.shape[1] == 1:
-        return len(rim)
-    vertex, ends = np.unique(rim, return_inverse=True)
+def _holes(boundary: np.ndarray) -> int:
+    if boundary.shape[1] == 1:
+        return len(boundary)
+    vertex, ends = np.unique(boundary, return_inverse=True)
     ends = ends.reshape(-1, 2)
     label = group_labels(ends[:, 0], ends[:, 1], len(vertex))
     return len(np.unique(label))

@@ -30,7 +30,7 @@ WELD = 1e-7  # of the diagonal: vertices that are nearer are one
 VOLUME_LIMIT = 20_000  # vertices; factorising more takes minutes
 SMALLEST_VOLUME = 1e-16  # of the cubed diagonal
 SMALLEST_AREA = 1e-14  # of the squared diagonal: triangles with no more have none
-MARGIN = 3e-3  # of the diagonal: a point of a bone this near to the skin, or to another point, is not put in
+MARGIN = 3e-3  # of the diagonal: a point of a bone this near to the surface, or to another point, is not put in
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.surface import Surface
 
 # A block of cells is refined if the rest distance at one of its corners is below this many block diagonals.
-# Distance changes at most as fast as position at rest; the margin is for stretched skin and for the blend's own slope.
+# Distance changes at most as fast as position at rest; the margin is for stretch and for the blend's own slope.
 MARGIN = 1.5
 
 
@@ -25,7 +25,7 @@ def field_surface(
         Returns two (n,) arrays: the level, negative inside, and a bound on the distance of the surface. With None in
         place of the second only blocks with both signs and their neighbours are refined.
     grid : Grid
-        Where the surface is wanted.
+        The grid of the surface.
     stride : int
         Edge of a block in cells; with 1 every node is queried.
 

@@ -108,7 +108,7 @@ def bone_conditions(
     closest = np.full(bones, np.inf)
     np.minimum.at(closest, bone, distance)
     away = without & ~(closest <= reach)
-    # Of a bone along the skin outside, all places that are about as near as the nearest.
+    # A bone along the surface outside: all places that are about as near as the nearest.
     held |= (without & ~away)[bone] & (distance <= 1.5 * closest[bone] + snap)
     pairs = np.unique(np.stack([vertices[nearest[held]], bone[held]], axis=1), axis=0)
     fixed, row, count = np.unique(pairs[:, 0], return_inverse=True, return_counts=True)

@@ -7,7 +7,7 @@ from nilbs.geometry.validation import arrays, check_indices
 
 _FLAT = 1e-9  # of a polygon's area: triangles smaller than this have none
 _FEW = 8  # corners of a polygon that is tried as a fan around each of them
-_STEPS = 10_000_000  # corners that are looked at, in all, when cutting ears: some seconds
+_STEPS = 10_000_000  # corners checked, in all, when cutting ears: some seconds
 
 
 def cut_polygons(V: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

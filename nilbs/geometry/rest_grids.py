@@ -75,8 +75,8 @@ def distance_bricks(
 
     Linear interpolation between exact values of a convex function is too large: by an eighth of the second difference
     along each axis halfway between nodes, and by a twelfth on average. Values at nodes of bricks are that much too
-    small instead, but for those of cells that are divided further, and interpolation is right on average: the skin that
-    is read from it is neither too thin nor too thick.
+    small instead, but for those of cells that are divided further, and interpolation is right on average: the body is
+    neither too thin nor too thick.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def weight_grid(
 
     Notes
     -----
-    A point beyond the skin, at p + s n for its closest place p, has 2 W(p) - W(p - s n): so weights have no kink at the
+    A point outside, at p + s n for its closest place p, has 2 W(p) - W(p - s n): so weights have no kink at the
     skin, which interpolation on the grid would smear over both sides. Farther than `depth` nothing changes any more.
     """
     V, F, W = arrays(V=(V, "n d"), F=(F, "m d", int), W=(W, "n b"))
@@ -156,10 +156,12 @@ def weight_grid(
         x, inside, found = grid.nodes(node[part]), distance[node[part]] < 0, W_node[part]
         found[inside] = volume_interpolation(V_volume, T, W_volume, x[inside])
         outer = x[~inside]
-        away, facet, skin = closest_points(V, F, outer)
-        # The mirror image of the point in the skin, no deeper than `depth`.
-        mirrored = skin - (outer - skin) * (np.minimum(away, depth) / np.maximum(away, 1e-300))[:, None]
-        found[~inside] = 2 * facet_values(V, F, W, skin, facet) - volume_interpolation(V_volume, T, W_volume, mirrored)
+        away, facet, closest = closest_points(V, F, outer)
+        # The point mirrored in the surface, no deeper than `depth`.
+        mirrored = closest - (outer - closest) * (np.minimum(away, depth) / np.maximum(away, 1e-300))[:, None]
+        found[~inside] = 2 * facet_values(V, F, W, closest, facet) - volume_interpolation(
+            V_volume, T, W_volume, mirrored
+        )
     return node, W_node / W_node.sum(axis=1, keepdims=True)
 
 

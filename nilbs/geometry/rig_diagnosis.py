@@ -25,7 +25,7 @@ _SLACK = 0.05  # of the surface's extent: how far joints may lie outside its box
 class RigReport:
     """A rig in a surface: joints of bones that lie `outside`, bones `without_volume`, of which no part lies inside.
 
-    `suggestion` says how the rig would fit if it seems to be in another unit or frame than the surface.
+    `suggestion` describes how the rig would fit if it seems to be in another unit or frame than the surface.
     """
 
     outside: np.ndarray

@@ -27,7 +27,7 @@ class Skeleton:
         Each different.
     forks : (f, 2) int array
         A bone, and a joint that moves with it besides its two own: rigs whose bones are joints let a bone lead to
-        several children at once. Only the weights' solver looks at it.
+        several children at once. Only the weights' solver uses it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Weights on a grid, fitted so that interpolation gives the skin its own."""
+"""Weights on a grid, fitted so that interpolation gives the surface its own."""
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -9,7 +9,7 @@ from nilbs.geometry.interpolation import facet_values
 from nilbs.geometry.sampling import facet_samples
 from nilbs.geometry.validation import arrays, check_indices
 
-# Samples of the skin on the area of a cell's face, and the most of all.
+# Samples of the surface on the area of a cell's face, and the most of all.
 SAMPLES, MOST = 12, 2**21
 ROUNDS = 3
 # In samples that lie about a node on average: a node with fewer changes little.
@@ -27,16 +27,16 @@ def fit_to_skin(
     *,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Weights of grid nodes (s,), changed where multilinear interpolation misses those of the skin.
+    """Weights of grid nodes (s,), changed where multilinear interpolation misses those of the surface.
 
-    The skin V, F has weights W, the nodes have W_node. Cells with a corner without weights are left out. Sums of rows
+    The surface V, F has weights W, the nodes have W_node. Cells with a corner without weights are left out. Row sums
     stay.
 
     Notes
     -----
-    Weights change within a cell, most of all where the skin is folded or thin. A few rounds of the simultaneous
+    Weights change within a cell, most of all where the surface is folded or close to itself. A few rounds of the simultaneous
     iterative reconstruction technique [1]_ take the mean of what samples about a node miss onto the node. More would
-    fit two skins that share a cell with weights of their own by values far outside 0 to 1.
+    fit two sheets that share a cell with weights of their own by values far outside 0 to 1.
 
     References
     ----------
@@ -51,7 +51,7 @@ def fit_to_skin(
     at, A = _interpolation(grid, node, x)
     near = np.flatnonzero(np.bincount(A.indices, minlength=len(node)))
     fitted = W_node.copy()
-    if not len(near):  # no node is at the skin
+    if not len(near):  # no node is at the surface
         return fitted
     A = A[:, near]
     back = A.T.tocsr()
@@ -59,9 +59,9 @@ def fit_to_skin(
     share = 1 / (share + DAMPING * share.mean())
     for start in range(0, W.shape[1], BONES):
         bones = slice(start, start + BONES)
-        skin, W_near = facet_values(V, F, W[:, bones], x[at], facet[at]), W_node[near, bones]
+        W_surface, W_near = facet_values(V, F, W[:, bones], x[at], facet[at]), W_node[near, bones]
         for _ in range(ROUNDS):
-            W_near = W_near + share * (back @ (skin - A @ W_near))
+            W_near = W_near + share * (back @ (W_surface - A @ W_near))
         fitted[near, bones] = W_near
     return fitted
 

@@ -71,9 +71,9 @@ def _array(name: str, value: object, letters: str, kind: type, sizes: dict[str, 
     if not fits:
         sizes_found = [_size(term, None, sizes) for term in terms]
         numbers = [term if size is None else str(size) for term, size in zip(terms, sizes_found, strict=True)]
-        wanted, known = (", ".join(dots + words) + "," * (len(dots + words) == 1) for words in (terms, numbers))
-        equal = "" if known == wanted else f" = ({known})"
-        raise ValueError(f"{name} must be ({wanted}){equal}, got {array.shape}")
+        expected, known = (", ".join(dots + words) + "," * (len(dots + words) == 1) for words in (terms, numbers))
+        equal = "" if known == expected else f" = ({known})"
+        raise ValueError(f"{name} must be ({expected}){equal}, got {array.shape}")
     if sizes.get("d", 2) not in (2, 3):
         raise ValueError(f"{name} has d = {sizes['d']}; d must be 2 or 3")
     if not np.isfinite(converted).all():

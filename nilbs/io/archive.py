@@ -21,7 +21,7 @@ def write_archive(
 ) -> None:
     """Write arrays (float32, float64, int32, int64, bool) and settings; the file appears whole or not at all.
 
-    `kind` says what the file is, for example "nilbs model 1"; `read_archive` expects the same.
+    `kind` names the content, for example "nilbs model 1"; `read_archive` expects the same.
 
     Examples
     --------

@@ -116,7 +116,7 @@ class Document:
     def accessor(self, index: int, where: str, kind: str, *, whole: bool = False) -> np.ndarray:
         """The numbers (count, width) that an accessor describes, of a type such as "VEC3".
 
-        `whole` wants unsigned integers. Else integers become numbers, and those that are normalised fractions. `where`
+        `whole` requires unsigned integers. Else integers become numbers, and those that are normalised fractions. `where`
         is what uses it, for errors.
         """
         entry, name = self._entry("accessors", index, where), f"accessor {index} ({where})"

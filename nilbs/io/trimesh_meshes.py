@@ -211,7 +211,7 @@ def _check_model(path: str | os.PathLike, model: bytes) -> None:
 
 
 def _scene(path: str | os.PathLike, data: bytes, kind: str) -> Any:
-    """What trimesh makes of the content of a file; it gets no path that it could look beside."""
+    """What trimesh makes of the content of a file; without a path, so that it reads no other file."""
     import trimesh
 
     with _guarded(path, kind):

@@ -51,7 +51,7 @@ class InverseSkinning(NetworkMethod):
     weight_loss: float = setting(1.0, "factor of the cross-entropy of the network's weights")
     cache_resolution: int | None = setting(
         None,
-        "cells of the rest cache along its longest edge, at the skin (default: 512 in space, 2048 in the plane)",
+        "cells of the rest cache along its longest edge, at the surface (default: 512 in space, 2048 in the plane)",
         least=1,
     )
     weight_resolution: int | None = setting(

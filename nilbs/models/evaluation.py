@@ -195,30 +195,11 @@ def _check_scores(model: Model, rows: Sequence[str], ious: Sequence[str], *, dis
 
 
 def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: int) -> np.ndarray:
-    """Poses of a set.
+    """Poses (p, b, d+1, d+1) of a set; fewer than ten if the motion of training frames has fewer frames or gaps.
 
-    Parameters
-    ----------
-    character : Character
-    motion : Motion
-        The training frames.
-    name : str
-        "seen": ten evenly spaced training frames. "interpolated": the middles of ten evenly spaced gaps between them,
-        none between two clips.
-        "unseen" and "far": ten random poses from the rest pose, every bone but the roots turned about a random axis by
-        a normal angle of standard deviation 0.28 and 0.8 rad. "random S": the same with S rad.
-    seed : int
-        Of the random poses.
-
-    Returns
-    -------
-    B : (p, b, d+1, d+1) float array
-        Fewer than ten where the motion has fewer frames or gaps.
-
-    Raises
-    ------
-    ValueError
-        If there is no such set.
+    "seen": ten evenly spaced training frames. "interpolated": the middles of ten evenly spaced gaps between them, none
+    between two clips. "unseen" and "far": ten random poses, drawn with `seed`, every bone but the roots turned from rest
+    about a random axis by a normal angle of standard deviation 0.28 and 0.8 rad. "random S": the same with S rad.
     """
     c = character
     if name == "seen":

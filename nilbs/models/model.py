@@ -98,7 +98,7 @@ class Model:
         """Signed distance (n,) in the posed frame to first order, in mesh units, negative inside; of the method nilbs.
 
         It is the distance at rest times the local stretch: the length of its gradient by the canonical point over that
-        by the posed point. Exact to first order at the skin, however it is stretched, and for any similarity. Where
+        by the posed point. Exact to first order at the surface, however it is stretched, and for any similarity. Where
         there is no gradient (no canonical point, the middle of a limb) it is the distance at rest.
         """
         return self.posed(pose, mapping=mapping).posed_distance(x)

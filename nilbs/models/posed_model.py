@@ -179,9 +179,9 @@ class PosedModel:
 
 def check_pose_shape(character: Character, shape: tuple[int, ...]) -> None:
     """Raise ValueError if a pose does not have one transform for each bone."""
-    wanted = (len(character.skeleton.BE), character.d + 1, character.d + 1)
-    if tuple(shape) != wanted:
-        raise ValueError(f"pose must be (b, d+1, d+1) = {wanted}, got {tuple(shape)}")
+    expected = (len(character.skeleton.BE), character.d + 1, character.d + 1)
+    if tuple(shape) != expected:
+        raise ValueError(f"pose must be (b, d+1, d+1) = {expected}, got {tuple(shape)}")
 
 
 def _joined(chunks: list[Tensor]) -> np.ndarray:

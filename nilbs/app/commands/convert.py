@@ -1,4 +1,4 @@
-"""`nilbs convert`: meshes, rigs, weights and motions from the files that there are to the files that are wanted."""
+"""`nilbs convert`: meshes, rigs, weights and motions converted from files to other files."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> None:
             files = dict.fromkeys(clip.file for clip in foreign)
             if len(files) > 1:
                 raise ValueError(f"--write-map writes the map of one motion, and there are {' and '.join(files)}")
-            # Before the motion is mapped: a guess that fails is there to be corrected.
+            # Written before the motion is mapped, so that a map that fails can be corrected.
             write_bone_map(
                 args.write_map, _guess(foreign[0].skeleton, bundle.skeleton.in_space()), bundle.skeleton.names
             )

@@ -128,8 +128,8 @@ class NasaWeightTerm:
         blend = (self.W[vertex] @ B[:, :, :d].flatten(2)).unflatten(-1, (d, d + 1))
         x = (blend[..., :d] @ self.V[vertex][..., None])[..., 0] + blend[..., d]
         occupancy = torch.sigmoid(self.field.part_logits(x, B))
-        wanted = 0.5 * nn.functional.one_hot(self.part[vertex], B.shape[1]).to(occupancy).mT
-        return self.factor * ((occupancy - wanted) ** 2).mean()
+        expected = 0.5 * nn.functional.one_hot(self.part[vertex], B.shape[1]).to(occupancy).mT
+        return self.factor * ((occupancy - expected) ** 2).mean()
 
 
 def _uniform(*shape: int, inputs: int) -> nn.Parameter:
