@@ -34,7 +34,7 @@ def fit_to_skin(
 
     Notes
     -----
-    Weights change within a cell, most of all where the surface is folded or close to itself. A few rounds of the simultaneous
+    Weights change within a cell, most of all where the surface is folded or thin. A few rounds of the simultaneous
     iterative reconstruction technique [1]_ take the mean of what samples about a node miss onto the node. More would
     fit two sheets that share a cell with weights of their own by values far outside 0 to 1.
 

@@ -116,8 +116,8 @@ class Document:
     def accessor(self, index: int, where: str, kind: str, *, whole: bool = False) -> np.ndarray:
         """The numbers (count, width) that an accessor describes, of a type such as "VEC3".
 
-        `whole` requires unsigned integers. Else integers become numbers, and those that are normalised fractions. `where`
-        is what uses it, for errors.
+        `whole` requires unsigned integers. Else integers become numbers, and normalised ones fractions. Errors name
+        `where` as the user of the accessor.
         """
         entry, name = self._entry("accessors", index, where), f"accessor {index} ({where})"
         component = self.whole(entry, "componentType", name)

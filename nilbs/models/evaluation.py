@@ -198,7 +198,7 @@ def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: i
     """Poses (p, b, d+1, d+1) of a set; fewer than ten if the motion of training frames has fewer frames or gaps.
 
     "seen": ten evenly spaced training frames. "interpolated": the middles of ten evenly spaced gaps between them, none
-    between two clips. "unseen" and "far": ten random poses, drawn with `seed`, every bone but the roots turned from rest
+    between two clips. "unseen" and "far": ten random poses, drawn with `seed`, all bones but the roots turned from rest
     about a random axis by a normal angle of standard deviation 0.28 and 0.8 rad. "random S": the same with S rad.
     """
     c = character
