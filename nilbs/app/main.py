@@ -39,8 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     2
     """
     words = list(sys.argv[1:] if argv is None else argv)
-    args = parser_of(words).parse_args(words)
-    return exit_status(lambda: args.run(args))
+
+    def run() -> None:
+        args = parser_of(words).parse_args(words)
+        args.run(args)
+
+    return exit_status(run)
 
 
 def exit_status(run: Callable[[], None]) -> int:

@@ -30,7 +30,12 @@ def add_method(parser: argparse.ArgumentParser) -> None:
         names = tuple(by_method)
         if names not in groups:
             groups[names] = parser.add_argument_group(f"settings of {', '.join(names)}")
-        _add_setting(groups[names], by_method)
+        try:
+            _add_setting(groups[names], by_method)
+        except argparse.ArgumentError as error:
+            raise ValueError(
+                f"a setting of the method {', '.join(names)} has the name of another option: {error}"
+            ) from None
 
 
 def chosen_method(args: argparse.Namespace) -> Method:

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from nilbs.app.main import parser_of
+from nilbs.app.main import main, parser_of
 from nilbs.app.method_options import chosen_method
 from nilbs.methods.base import REGISTERED, Method, TrainedMethod, setting
 from nilbs.methods.mlp import Mlp
@@ -135,6 +135,19 @@ def test_the_command_line_takes_the_choices_of_the_chosen_method(monkeypatch) ->
     assert chosen("--mapping", "parts") == Nilbs(mapping="parts")
     with pytest.raises(ValueError, match="'down'"):
         chosen("--mapping", "down")
+
+
+def test_a_setting_with_the_name_of_another_option_is_one_line(monkeypatch, capsys) -> None:
+    @dataclass(frozen=True)
+    class Other(Method):
+        summary: ClassVar[str] = "another way"
+        frames: int = setting(3, "how many")
+
+    monkeypatch.setattr(Other, "name", "other", raising=False)
+    monkeypatch.setitem(REGISTERED, "other", Other)
+    assert main(["train", "a.glb", "-o", "a.nilbs"]) == 2
+    assert "method other " in (error := capsys.readouterr().err)
+    assert "--frames" in error
 
 
 def test_two_classes_have_two_names() -> None:
