@@ -22,15 +22,11 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 
 
-def coarsen(patch: pytest.MonkeyPatch) -> None:
-    for name, value in {"SPACING": 0.06, "ELEMENTS": 6000, "RESOLUTIONS": (48,), "DECIMATED": 3000}.items():
-        patch.setattr(f"nilbs.geometry.domain.{name}", value)
-
-
 @pytest.fixture
 def coarse_volumes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Weights are solved quickly, in volumes of few elements."""
-    coarsen(monkeypatch)
+    for name, value in {"SPACING": 0.06, "ELEMENTS": 6000, "RESOLUTIONS": (48,), "DECIMATED": 3000}.items():
+        monkeypatch.setattr(f"nilbs.geometry.domain.{name}", value)
 
 
 @pytest.fixture(scope="session")
@@ -57,10 +53,8 @@ def characters() -> "dict[int, Character]":
     V, F = isosurface(np.linalg.norm(x - axis, axis=1) - 0.25, grid)
     C, BE = np.array([[-0.7, 0, 0], [-0.2, 0.02, 0], [0.2, 0, 0.03], [0.7, 0, 0]]), np.array([[0, 1], [1, 2], [2, 3]])
     V2, T2, C2, BE2 = gingerbread(2)
-    with pytest.MonkeyPatch.context() as patch:
-        coarsen(patch)
-        flat = assemble(V2, T2, skeleton_of_bones(C2, BE2), name="gingerbread")
-        return {2: flat, 3: assemble(V, F, skeleton_of_bones(C, BE), name="capsule")}
+    flat = assemble(V2, T2, skeleton_of_bones(C2, BE2), name="gingerbread")
+    return {2: flat, 3: assemble(V, F, skeleton_of_bones(C, BE), name="capsule")}
 
 
 @pytest.fixture(scope="session")
