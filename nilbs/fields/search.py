@@ -102,7 +102,7 @@ class SearchField(Field):
         """
         if mapping in SEARCHES:
             return PosedSearch(self, B, SEARCHES[mapping])
-        return self.inverse.posed(B, ghost=ghost, reverse=mapping == "reverse")
+        return self.inverse.posed(B, ghost=ghost, reverse={"inverse": False, "reverse": True}[mapping])
 
 
 class PosedSearch:

@@ -187,7 +187,7 @@ def _check_scores(model: Model, rows: Sequence[str], ious: Sequence[str], *, dis
                 f"{', '.join(['floor', *untrained(), *own])}"
             )
     if distances and (not own or set(rows) - {"floor", *own}):
-        raise ValueError("distances are compared for the method nilbs and its own rows only")
+        raise ValueError("distances are compared for the methods nilbs and paper and their own rows only")
     if not ious or set(ious) - set(IOUS):
         raise ValueError(f"ious must be some of {', '.join(IOUS)}, got {', '.join(ious) or 'none'}")
     if distances and "iou_surface" not in ious:

@@ -149,7 +149,9 @@ class PosedModel:
     @property
     def _searching(self) -> SearchField:
         if not isinstance(self.field, SearchField):
-            raise ValueError(f"the method {self.method.name} has no skinning weights of posed points; nilbs has")
+            raise ValueError(
+                f"the method {self.method.name} has no skinning weights of posed points; nilbs and paper have"
+            )
         return self.field
 
     def _check_canonical_points(self) -> None:

@@ -351,3 +351,8 @@ def test_without_a_root_a_point_is_outside_by_the_smallest_residual(d: int, monk
         answer = in_pose(inner)
     torch.testing.assert_close(answer.distance, torch.full_like(answer.distance, 0.3))
     assert (answer.level > 0).all()
+
+
+def test_an_unknown_mapping_is_no_other_one() -> None:
+    with pytest.raises(KeyError, match="invers"):
+        rod(2).posed(bent(2, 0.0), "invers")

@@ -389,7 +389,7 @@ def test_distances_of_a_trained_model_and_of_its_maps(models) -> None:
 
 
 def test_distances_are_those_of_the_method_that_has_them(characters, models) -> None:
-    message = r"^distances are compared for the method nilbs and its own rows only$"
+    message = r"^distances are compared for the methods nilbs and paper "
     model = stand_in(characters[2], "perfect")
     model.method = Mlp()
     with pytest.raises(ValueError, match=message):
