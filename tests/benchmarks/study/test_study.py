@@ -9,6 +9,8 @@ import pytest
 from benchmarks.study.__main__ import main
 from benchmarks.study.outputs import FILES
 from benchmarks.study.plan import PARTS
+from benchmarks.study.runner import Worker
+from benchmarks.study.worker import do
 
 
 def test_options_that_contradict_are_refused(tmp_path, capsys) -> None:
@@ -62,6 +64,8 @@ def test_failed_jobs_are_reported_and_the_status_is_two(tmp_path, capsys, monkey
 @pytest.mark.slow
 @pytest.mark.usefixtures("coarse_volumes")
 def test_the_quick_study_runs_for_real_and_is_not_run_again(tmp_path, capsys, monkeypatch) -> None:
+    # In this process, so that it works with coarse volumes and small pictures; test_runner.py has workers as they are.
+    monkeypatch.setattr(Worker, "__call__", lambda worker, job: do(job, worker._store, worker._data))
     monkeypatch.setattr("benchmarks.study.failures.PIXELS", 60)
     monkeypatch.setattr("benchmarks.study.failures.FIN_PIXELS", 80)
     out = tmp_path / "study"
