@@ -26,7 +26,7 @@ from nilbs.io.polygons import Elements, MeshFile, no_elements
 from nilbs.io.zipped import open_zip, unpacked
 
 SUFFIXES = (".off", ".stl", ".3mf")
-TEXT_LIMIT = 2**27  # bytes of text: trimesh holds it as Python objects of some twenty times its size
+TEXT_LIMIT = 2**26  # bytes of text: trimesh holds it as Python objects of some thirty times its size
 
 _QUIET = logging.NullHandler()  # trimesh logs what it cannot read; without a handler that goes to standard error
 _OFF = re.compile(r"\s*(?:ST|C|N)*OFF(.*)", re.DOTALL)

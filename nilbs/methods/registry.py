@@ -28,7 +28,10 @@ def _import_methods() -> None:
     for module in pkgutil.iter_modules(nilbs.methods.__path__):
         import_module(f"nilbs.methods.{module.name}")
     for entry in entry_points(group="nilbs.methods"):  # of packages that bring their own
-        entry.load()
+        try:
+            entry.load()
+        except (ImportError, AttributeError, TypeError, ValueError) as error:
+            raise ValueError(f"the method {entry.name!r}, {entry.value}, cannot be imported: {error}") from error
 
 
 def method_of(method: Method | str, **settings: Any) -> Method:

@@ -167,3 +167,18 @@ def test_defining_a_class_registers_it_and_a_subclass_inherits_settings() -> Non
         assert Quieter().noise == 0.001
     finally:
         del REGISTERED["quieter-mlp"]
+
+
+def test_a_package_whose_method_cannot_be_imported_is_named(monkeypatch) -> None:
+    from importlib.metadata import EntryPoint
+
+    from nilbs.methods import registry
+
+    broken = EntryPoint("broken", "no_such_package:Method", "nilbs.methods")
+    monkeypatch.setattr(registry, "entry_points", lambda group: [broken])
+    registry._import_methods.cache_clear()
+    try:
+        with pytest.raises(ValueError, match=r"'broken', no_such_package:Method"):
+            all_methods()
+    finally:
+        registry._import_methods.cache_clear()
