@@ -177,7 +177,7 @@ def test_text_is_bounded(tmp_path, name):
     with open(tmp_path / name, "wb") as file:
         file.write(b"solid a\n")
         file.truncate(trimesh_meshes.TEXT_LIMIT + 1)
-    with pytest.raises(FileFormatError, match="128 MiB"):
+    with pytest.raises(FileFormatError, match="64 MiB"):
         read_mesh(tmp_path / name)
 
 
