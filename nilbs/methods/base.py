@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_type_hints
 
@@ -70,8 +71,11 @@ class Method:
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if "name" in cls.__dict__:
+            if not hasattr(cls, "summary"):
+                raise ValueError(f"the method {cls.name!r} needs a summary: one line on what it is")
             known = REGISTERED.get(cls.name, cls)
-            if known.__qualname__ != cls.__qualname__:  # a class may be defined again, as in a notebook
+            places = {(kind.__module__, kind.__qualname__) for kind in (known, cls)}
+            if len(places) > 1:  # a class may be defined again, as in a notebook
                 raise ValueError(f"the name {cls.name!r} is that of {known.__module__}.{known.__qualname__}")
             REGISTERED[cls.name] = cls
 
@@ -86,15 +90,32 @@ class Method:
                 raise ValueError(f"{s.name} must lie between {s.least:g} and {s.most:g}, got {value!r}")
             if s.choices and value not in s.choices:
                 raise ValueError(f"{s.name} must be one of {', '.join(s.choices)}, got {value!r}")
+        if not hasattr(self, "name"):
+            raise ValueError(f"the method {type(self).__qualname__} needs a name")
 
     @classmethod
     def settings(cls) -> list[Setting]:
-        """All settings of the method, in order."""
+        """All settings of the method, in order.
+
+        Raises
+        ------
+        ValueError
+            If the class is no dataclass, or one of its fields is no `setting` of type int, float, bool or str.
+        """
+        if any(
+            isinstance(value, DataclassField) for value in vars(cls).values()
+        ):  # a dataclass keeps the default instead
+            raise ValueError(f"{cls.__qualname__} is no dataclass: write @dataclass(frozen=True) above the class")
         hints = get_type_hints(cls)
-        return [
-            Setting(f.name, (get_args(hints[f.name]) or (hints[f.name],))[0], f.default, **f.metadata)
-            for f in fields(cls)
-        ]
+        found = []
+        for f in fields(cls):
+            kind = (get_args(hints[f.name]) or (hints[f.name],))[0]
+            if not f.metadata or kind not in (int, float, bool, str):
+                raise ValueError(
+                    f"{cls.__qualname__}.{f.name} must be an int, float, bool or str, made by setting(default, help)"
+                )
+            found.append(Setting(f.name, kind, f.default, **f.metadata))
+        return found
 
     @classmethod
     def from_settings(cls, values: Mapping[str, Any]) -> Self:

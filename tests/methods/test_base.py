@@ -153,7 +153,36 @@ def test_a_setting_with_the_name_of_another_option_is_one_line(monkeypatch, caps
 def test_two_classes_have_two_names() -> None:
     with pytest.raises(ValueError, match=r"'mlp' .*nilbs\.methods\.mlp\.Mlp"):
         type("Another", (Method,), {"name": "mlp", "summary": "another", "__module__": __name__})
+    with pytest.raises(ValueError, match=r"'mlp' .*nilbs\.methods\.mlp\.Mlp"):  # the same class name, elsewhere
+        type("Mlp", (Method,), {"name": "mlp", "summary": "another", "__module__": __name__})
     assert method_class("mlp") is Mlp
+
+
+def test_mistakes_in_a_method_of_ones_own_are_one_line() -> None:
+    @dataclass(frozen=True)
+    class Nameless(Method):
+        radius: float = setting(0.1, "radius")
+
+    @dataclass(frozen=True)
+    class Plain(Method):
+        radius: float = 0.1
+
+    @dataclass(frozen=True)
+    class Sized(Method):
+        radii: tuple[()] = setting((), "radii")
+
+    Undecorated = type("Undecorated", (Method,), {"radius": setting(0.1, "radius")})
+    with pytest.raises(ValueError, match=r"Nameless .*name"):
+        Nameless()
+    with pytest.raises(ValueError, match=r"Plain\.radius .*setting"):
+        Plain.settings()
+    with pytest.raises(ValueError, match=r"Sized\.radii .*float"):
+        Sized.settings()
+    with pytest.raises(ValueError, match=r"Undecorated .*@dataclass"):
+        Undecorated.settings()
+    with pytest.raises(ValueError, match=r"'wordless' .*summary"):
+        type("Wordless", (Method,), {"name": "wordless"})
+    assert "wordless" not in REGISTERED
 
 
 def test_defining_a_class_registers_it_and_a_subclass_inherits_settings() -> None:
