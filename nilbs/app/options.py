@@ -137,19 +137,22 @@ def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
 
 
 def not_negative(word: str) -> float:
-    """Type of an option that takes a finite number of at least 0.
+    """Type of an option that takes a number from 0 to 1e9.
 
     Examples
     --------
     >>> not_negative("0.4")
     0.4
+    >>> not_negative("1e300")
+    Traceback (most recent call last):
+    argparse.ArgumentTypeError: '1e300' is not a number from 0 to 1e9
     """
     try:
         value = float(word)
     except ValueError:
         value = -1.0
-    if not 0 <= value < 1e9:
-        raise argparse.ArgumentTypeError(f"{word!r} is not a number of at least 0")
+    if not 0 <= value <= 1e9:
+        raise argparse.ArgumentTypeError(f"{word!r} is not a number from 0 to 1e9")
     return value
 
 
