@@ -24,6 +24,7 @@ REACH = 0.1  # how far outside a bone may lie and still hold the nearest place
 # Every bone is one more column to solve for: with more than this the volume has fewer elements.
 MANY_BONES = 64
 # A rig whose joints span less of the mesh than this seems to be in another unit.
+FARTHEST = 1e100  # of a coordinate: volumes of what lies farther overflow
 SMALLEST_RIG = 0.03
 
 
@@ -122,6 +123,9 @@ def check_rig_fits(V: np.ndarray, skeleton: Skeleton) -> None:
         raise ValueError(f"the mesh has {V.shape[1]} dimensions but the rig has {C.shape[1]}")
     if not len(V):
         raise ValueError("the mesh has no triangle")
+    farthest = max(np.abs(V).max(), np.abs(C).max(initial=0))
+    if farthest > FARTHEST:
+        raise ValueError(f"a coordinate of the mesh or the rig is {farthest:.3g}: bring both to another unit")
     lower, upper = V.min(axis=0), V.max(axis=0)
     size, extent = float(np.linalg.norm(upper - lower)), float(np.linalg.norm(np.ptp(C, axis=0)))
     boxes = (

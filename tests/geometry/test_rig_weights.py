@@ -165,6 +165,14 @@ def test_no_bone_within_reach_is_refused(d: int) -> None:
 
 
 @DIMENSIONS
+@pytest.mark.parametrize(("mesh", "joints"), [(1e300, 1e300), (1e300, 1), (1, 1e300)])
+def test_coordinates_that_overflow_are_refused(d: int, mesh: float, joints: float) -> None:
+    V, E = limb(d)
+    with pytest.raises(ValueError, match=r"is [0-9.]+e\+[0-9]{3}: bring both to another unit$"):
+        solve_weights(mesh * V, E, rig(d, joints * JOINTS))
+
+
+@DIMENSIONS
 def test_a_part_that_no_bone_enters_follows_the_nearest_bone_and_is_noted(d: int) -> None:
     V, E = limb(d)
     n = len(V)
