@@ -95,6 +95,8 @@ def fit(
     array([ True, False])
     """
     chosen = method_of(method, **settings)
+    if dtype not in (torch.float32, torch.float64):
+        raise ValueError(f"dtype must be torch.float32 or torch.float64, got {dtype}")
     if not len(motion):
         raise ValueError("the motion has no frames")
     if minutes is not None and not (0 < minutes < float("inf") and getattr(chosen, "steps", None) is None):

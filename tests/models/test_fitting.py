@@ -115,6 +115,12 @@ def test_double_precision(bar) -> None:
     assert {tensor.dtype for tensor in tensors if tensor.is_floating_point()} == {torch.float64}
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.int32])
+def test_another_precision_is_refused(bar, dtype: torch.dtype) -> None:
+    with pytest.raises(ValueError, match=rf"float64, got {dtype}$"):
+        fit(*bar, TINY, dtype=dtype)
+
+
 def test_a_motion_of_another_rig_is_refused(bar, characters) -> None:
     character, motion = bar
     for other, said in (
