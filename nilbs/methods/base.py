@@ -240,6 +240,11 @@ class NetworkMethod(TrainedMethod):
     width: int = setting(96, "units of a hidden layer", least=1, most=WIDEST)
     depth: int = setting(5, "linear layers", least=2, most=WIDEST)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width**2 * self.depth > MOST:
+            raise ValueError(f"depth {self.depth} and width {self.width} give more than {MOST:g} weights")
+
     def restored(self, character: "Character", state: "Mapping[str, np.ndarray]", header: Mapping[str, Any]) -> "Field":
         """As `Method.restored`; nothing is built larger than what the file holds."""
         self.check_layers(state)

@@ -77,6 +77,7 @@ def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, ce
         (Paper, {"cache_width": 0.0}, ["cache_width", "1e-06", "0.0"]),
         (Nasa, {"width": 100_000}, ["width", "4096", "100000"]),
         (Nilbs, {"depth": 1}, ["depth", "2", "1"]),
+        (Mlp, {"width": 4096, "depth": 4096}, ["depth 4096", "width 4096", "1e+09"]),
         (Paper, {"mapping": "forward"}, ["mapping", *Paper.mappings, "'forward'"]),
     ],
 )

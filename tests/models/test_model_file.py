@@ -154,10 +154,10 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: t["settings"].update(depth=4000), "there are fewer layers than in its settings"),
         (
             lambda c, t: (
-                t["settings"].update(width=4096, depth=200),
-                c.update({f"field.{k}": np.zeros((0, 4096)) for k in range(200)}),
+                t["settings"].update(width=4096, depth=50),
+                c.update({f"field.{k}": np.zeros((0, 4096)) for k in range(50)}),
             ),
-            "it holds less than 200 layers of width 4096",
+            "it holds less than 50 layers of width 4096",
         ),
         (
             lambda c, t: c.update({"field.forward_field.weight": 0 * c["field.forward_field.weight"] + 1e38}),
