@@ -15,6 +15,7 @@ GRIDS = {"cache_resolution": 32, "weight_resolution": 32, "samples_per_frame": 4
 PICTURES = ["notation.png", "weights.png", "ghost.png", "training.png", "reconstruction.png"]
 
 
+@pytest.mark.usefixtures("coarse_volumes")
 @pytest.mark.parametrize(
     ("dim", "stem", "as_json"), [(2, "gingerbread", True), pytest.param(3, "cookie", False, marks=pytest.mark.slow)]
 )

@@ -188,7 +188,7 @@ def one_point(rng):
 
 @kind(lambda c: len(c.skeleton.BE) == 200)
 def chain_of_200(rng):
-    return Case(*worm(rings=129, around=24), spine(200, 0.02, 0.98))
+    return Case(*worm(rings=65, around=12), spine(200, 0.02, 0.98))
 
 
 @kind(lambda c: len(c.skeleton.BE) == 200 and outside(c) == 0)

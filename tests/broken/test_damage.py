@@ -46,7 +46,7 @@ def reference(data: Path, name: str, damage: bool) -> tuple[Mesh, Skeleton, np.n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed"), [("elephant", 0), ("arm", 1)])
+@pytest.mark.parametrize(("name", "seed"), [("arm", 0), ("arm", 1)])
 def test_damage_changes_weights_little(data: Path, name: str, seed: int) -> None:
     (V, F), bones = real(data, name)
     V_damaged, F_damaged = damaged((V, F), np.random.default_rng(seed))

@@ -226,6 +226,7 @@ def test_files_that_do_not_make_a_character(folder, names, message):
         load_character(*(folder / name for name in names))
 
 
+@pytest.mark.usefixtures("coarse_volumes")
 def test_weights_solved_from_a_characters_skeleton_are_those_of_the_files(characters, tmp_path):
     """A rig with forks: the root leads to three bones at once."""
     c = characters[3]

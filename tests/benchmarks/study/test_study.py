@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
@@ -10,6 +11,7 @@ from benchmarks.study.__main__ import main
 from benchmarks.study.outputs import FILES
 from benchmarks.study.plan import PARTS
 from benchmarks.study.runner import Worker
+from benchmarks.study.scale import quick_scale
 from benchmarks.study.worker import do
 
 
@@ -67,6 +69,8 @@ def test_the_quick_study_runs_for_real_and_is_not_run_again(tmp_path, capsys, mo
     # In this process, so that it works with coarse volumes and small pictures; test_runner.py has workers as they are.
     monkeypatch.setattr(Worker, "__call__", lambda worker, job: do(job, worker._store, worker._data))
     monkeypatch.setattr("benchmarks.study.failures.PIXELS", 60)
+    flat = replace(quick_scale(), characters={"gingerbread-2d": 1})
+    monkeypatch.setattr("benchmarks.study.scale.quick_scale", lambda: flat)
     monkeypatch.setattr("benchmarks.study.failures.FIN_PIXELS", 80)
     out = tmp_path / "study"
     assert main(["--out", str(out), "--quick", "--json"]) == 0
@@ -76,7 +80,7 @@ def test_the_quick_study_runs_for_real_and_is_not_run_again(tmp_path, capsys, mo
     written = json.loads((out / "study.json").read_text())
     known = {(row["part"], row["method"]) for row in written["rows"]}
     assert {part for part, _ in known} == set(PARTS) - {"twist", "failures"}
-    assert {method for part, method in known if part == "methods"} >= {
+    assert {method for part, method in known if part in ("methods", "ablation")} >= {
         "nilbs", "paper", "inverse", "reverse", "fixed-point", "one-search", "all-bones", "nasa", "nasa-rigid", "snarf",
         "mlp", "nearest", "rigid-parts", "floor", "mesh-lbs",
     }  # fmt: skip
