@@ -14,11 +14,11 @@ from .case import KINDS, Case
 from .verdict import body_samples, faults, shares, verdict
 
 # One or two for every way through the solver: a solid filled as it is, a wrap, blocks where no wrap can be filled, a
-# surface that is decimated, many bones at one joint, a body thinner than a cell, damage of many kinds.
+# surface that is decimated, more bones than the usual elements serve, a body thinner than a cell, damage of many kinds.
 FULL_RESOLUTION = [
     "bones_are_joints",
     "inside_out",
-    "forty_bones_from_one_joint",
+    "tree_of_200",
     "sixty_thousand_faces",
     "overlapping_bodies",
     "hair_cards",
