@@ -102,9 +102,8 @@ class Method:
         ValueError
             If the class is no dataclass, or one of its fields is no `setting` of type int, float, bool or str.
         """
-        if any(
-            isinstance(value, DataclassField) for value in vars(cls).values()
-        ):  # a dataclass keeps the default instead
+        # In place of a field, a dataclass keeps the default.
+        if any(isinstance(value, DataclassField) for value in vars(cls).values()):
             raise ValueError(f"{cls.__qualname__} is no dataclass: write @dataclass(frozen=True) above the class")
         hints = get_type_hints(cls)
         found = []
