@@ -46,16 +46,16 @@ def reference(data: Path, name: str, damage: bool) -> tuple[Mesh, Skeleton, np.n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "seed"), [("arm", 0), ("arm", 1)])
-def test_damage_changes_weights_little(data: Path, name: str, seed: int) -> None:
-    (V, F), bones = real(data, name)
-    V_damaged, F_damaged = damaged((V, F), np.random.default_rng(seed))
-    assert pieces(F_damaged) >= 3
-    assert misoriented_edges(F_damaged) > 0.05 * len(F)
-    W = solve_weights(V_damaged, F_damaged, bones).W[: len(V)]
-    change = difference(W, solve_weights(V, F, bones).W)
-    assert change.mean() <= 0.05
-    assert np.quantile(change, 0.95) <= 0.2
+def test_damage_changes_weights_little(data: Path) -> None:
+    (V, F), bones = real(data, "arm")
+    W = solve_weights(V, F, bones).W
+    for seed in (0, 1):
+        V_damaged, F_damaged = damaged((V, F), np.random.default_rng(seed))
+        assert pieces(F_damaged) >= 3
+        assert misoriented_edges(F_damaged) > 0.05 * len(F)
+        change = difference(solve_weights(V_damaged, F_damaged, bones).W[: len(V)], W)
+        assert change.mean() <= 0.05
+        assert np.quantile(change, 0.95) <= 0.2
 
 
 PLACES = [(1e-4, 0.0), (1e4, 0.0), (1.0, 1e5)]  # scale, and offset in sizes
