@@ -24,9 +24,9 @@ FULL_RESOLUTION = [
     "hair_cards",
     "plate_of_a_thousandth",
     "clothes_close_to_the_body",
-    "klein_bottle",
+    "moebius_strip",
     "more_than_fits_a_cube",
-    "wild_a",
+    "wild_c",
     "wild_d",
 ]
 
