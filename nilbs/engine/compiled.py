@@ -38,7 +38,7 @@ def compiled(function: Function) -> Function:
         dispatcher._cache = _kept()(function)
     except (RuntimeError, OSError) as error:
         announce(f"compiled code cannot be kept on disk, so that every process compiles anew ({error})")
-    return dispatcher  # type: ignore[no-any-return]
+    return dispatcher
 
 
 def available() -> bool:
@@ -102,7 +102,7 @@ def _kept() -> Any:
     for path in sorted(Path(__file__).parent.glob("*.py")):
         stamp.update(path.read_bytes())
 
-    class Kept(FunctionCache):  # type: ignore[misc]
+    class Kept(FunctionCache):
         def __init__(self, function: Callable[..., Any]) -> None:
             super().__init__(function)
             # numba looks at the file of the function, but what it calls is compiled into it.
