@@ -31,9 +31,18 @@ def compiled(function: Function) -> Function:
 
     Without numba it stays as it is; see `available`.
     """
+    return _dispatcher(function)
+
+
+def inlined(function: Function) -> Function:
+    """A small compiled function whose code is put in the place of every call; see `compiled`."""
+    return _dispatcher(function, forceinline=True)
+
+
+def _dispatcher(function: Function, **options: Any) -> Function:
     if PROBLEM is not None:
         return function
-    dispatcher = numba.njit(nogil=True, error_model="numpy", fastmath=FLAGS)(function)
+    dispatcher = numba.njit(nogil=True, error_model="numpy", fastmath=FLAGS, **options)(function)
     try:
         dispatcher._cache = _kept()(function)
     except (RuntimeError, OSError) as error:

@@ -1,0 +1,207 @@
+"""Several numbers in one register of the processor: a type for compiled code.
+
+Lanes hold 32 bytes: eight float32 or four float64. They are added, multiplied and compared lane by lane, in the same
+way wherever the code stands, so that an answer does not depend on what LLVM makes of a loop.
+"""
+
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic, models, overload, register_model
+from numba.np.arrayobj import make_array
+
+BYTES = 32
+# A product and a sum may become one rounding.
+FLAGS = ("contract",)
+
+
+class Lanes(types.Type):
+    """Numbers of one kind side by side."""
+
+    def __init__(self, kind: types.Type, count: int) -> None:
+        self.kind, self.count = kind, count
+        super().__init__(name=f"Lanes({kind}, {count})")
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, lanes: Lanes) -> None:
+        one = ir.IntType(1) if lanes.kind == types.boolean else manager.lookup(lanes.kind).get_value_type()
+        super().__init__(manager, lanes, ir.VectorType(one, lanes.count))
+
+
+def _of(kind: types.Type) -> Lanes:
+    return Lanes(kind, 8 * BYTES // kind.bitwidth)
+
+
+@intrinsic
+def spread(typing: Any, number: Any) -> Any:
+    """The number in every lane."""
+    lanes = _of(number)
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        vector = context.get_value_type(lanes)
+        first = builder.insert_element(ir.Constant(vector, ir.Undefined), args[0], ir.Constant(ir.IntType(32), 0))
+        zeros = ir.Constant(ir.VectorType(ir.IntType(32), lanes.count), None)
+        return builder.shuffle_vector(first, ir.Constant(vector, ir.Undefined), zeros)
+
+    return lanes(number), code
+
+
+@intrinsic
+def load(typing: Any, array: Any, i: Any, j: Any) -> Any:
+    """The numbers array[i, j, :] of a contiguous array with as many as there are lanes."""
+    lanes = _of(array.dtype)
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        whole = make_array(array)(context, builder, args[0])
+        rows = cgutils.unpack_tuple(builder, whole.shape, 3)[1]
+        index = [context.cast(builder, value, kind, types.intp) for value, kind in zip(args[1:], (i, j), strict=True)]
+        offset = builder.mul(builder.add(builder.mul(index[0], rows), index[1]), rows.type(lanes.count))
+        pointer = builder.bitcast(builder.gep(whole.data, [offset]), context.get_value_type(lanes).as_pointer())
+        return builder.load(pointer, align=array.dtype.bitwidth // 8)
+
+    return lanes(array, i, j), code
+
+
+def _arithmetic(name: str) -> Any:
+    @intrinsic
+    def combined(typing: Any, a: Any, b: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return getattr(builder, name)(*args, flags=FLAGS)
+
+        return a(a, b), code
+
+    return combined
+
+
+def _comparison(sign: str) -> Any:
+    @intrinsic
+    def compared(typing: Any, a: Any, b: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            return builder.fcmp_ordered(sign, *args)
+
+        return Lanes(types.boolean, a.count)(a, b), code
+
+    return compared
+
+
+def _operator(function: Any, combined: Any) -> None:
+    @overload(function, strict=False)
+    def operation(a: Any, b: Any) -> Any:
+        if isinstance(a, Lanes) and a == b:
+            return lambda a, b: combined(a, b)
+        return None
+
+
+_ARITHMETIC = {"fadd": (operator.add, operator.iadd), "fsub": (operator.sub,), "fmul": (operator.mul,)}
+for _name, _functions in (_ARITHMETIC | {"fdiv": (operator.truediv,)}).items():
+    for _function in _functions:
+        _operator(_function, _arithmetic(_name))
+for _function, _name in ((operator.lt, "<"), (operator.le, "<="), (operator.ge, ">="), (operator.eq, "==")):
+    _operator(_function, _comparison(_name))
+
+
+@intrinsic
+def both(typing: Any, a: Any, b: Any) -> Any:
+    """Where two comparisons hold."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.and_(*args)
+
+    return a(a, b), code
+
+
+@intrinsic
+def choose(typing: Any, mask: Any, a: Any, b: Any) -> Any:
+    """The numbers of a where a comparison holds, of b elsewhere."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.select(*args)
+
+    return a(mask, a, b), code
+
+
+@intrinsic
+def smaller(typing: Any, a: Any, b: Any) -> Any:
+    """The smaller numbers; b where a is not a number."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered("<", *args), *args)
+
+    return a(a, b), code
+
+
+@intrinsic
+def larger(typing: Any, a: Any, b: Any) -> Any:
+    """The larger numbers; b where a is not a number."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", *args), *args)
+
+    return a(a, b), code
+
+
+@intrinsic
+def smallest(typing: Any, a: Any) -> Any:
+    """The smallest of the numbers."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        value, half = args[0], a.count // 2
+        while half:
+            order = [(k + half) % a.count for k in range(a.count)]
+            turned = builder.shuffle_vector(value, value, ir.Constant(ir.VectorType(ir.IntType(32), a.count), order))
+            value = builder.select(builder.fcmp_ordered("<", value, turned), value, turned)
+            half //= 2
+        return builder.extract_element(value, ir.Constant(ir.IntType(32), 0))
+
+    return a.kind(a), code
+
+
+@intrinsic
+def lane(typing: Any, a: Any, k: Any) -> Any:
+    """The number in lane k."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.extract_element(*args)
+
+    return a.kind(a, k), code
+
+
+@intrinsic
+def bits(typing: Any, mask: Any) -> Any:
+    """A comparison as an integer: bit k is set where it holds in lane k."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.zext(builder.bitcast(args[0], ir.IntType(mask.count)), ir.IntType(64))
+
+    return types.int64(mask), code
+
+
+@intrinsic
+def lowest(typing: Any, mask: Any) -> Any:
+    """The lowest bit that is set in an integer other than zero."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
+
+    return mask(mask), code
+
+
+@intrinsic
+def store(typing: Any, array: Any, i: Any, j: Any, a: Any) -> Any:
+    """Write lanes to array[i, j, :] of a contiguous array with as many as there are lanes."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        whole = make_array(array)(context, builder, args[0])
+        rows = cgutils.unpack_tuple(builder, whole.shape, 3)[1]
+        index = [context.cast(builder, value, kind, types.intp) for value, kind in zip(args[1:3], (i, j), strict=True)]
+        offset = builder.mul(builder.add(builder.mul(index[0], rows), index[1]), rows.type(a.count))
+        pointer = builder.bitcast(builder.gep(whole.data, [offset]), context.get_value_type(a).as_pointer())
+        builder.store(args[3], pointer, align=array.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.none(array, i, j, a), code
