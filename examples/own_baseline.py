@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from nilbs.characters.character import Character
 from nilbs.fields.field import Field
-from nilbs.fields.unit_frame import first_joints
+from nilbs.engine.unit_frame import first_joints
 from nilbs.methods.base import TrainedMethod, setting
 
 

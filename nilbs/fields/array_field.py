@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from nilbs.fields.answer import Answer
+from nilbs.engine.answer import Answer
 from nilbs.fields.field import Field, PosedField
 
 # Posed points (n, d) -> their signed distances (n,) and canonical points (n, d), nan if the method has none.

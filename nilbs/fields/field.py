@@ -5,7 +5,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from nilbs.fields.answer import Answer
+from nilbs.engine.answer import Answer
 
 # A field in one pose: its answer at posed points (n, d), queried any number of times.
 PosedField = Callable[[Tensor], Answer]
@@ -51,8 +51,9 @@ class Field(nn.Module):
         """The field in a pose, (b, d+1, d+1) rest to posed."""
 
         def answer(x: Tensor) -> Answer:
-            logits = [self.logit(part[None], B[None])[0] for part in x.split(self.piece)]
-            return Answer.of_logit(torch.cat(logits), x.shape[-1])
+            logit = torch.cat([self.logit(part[None], B[None])[0] for part in x.split(self.piece)])
+            nan = torch.full_like(logit, torch.nan)
+            return Answer(-logit, nan, nan[:, None].expand(-1, x.shape[-1]))
 
         return answer
 

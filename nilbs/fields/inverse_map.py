@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from nilbs.fields.answer import Answer
+from nilbs.engine.answer import Answer
 from nilbs.fields.cache import RestCache
 from nilbs.fields.cramer import cramer
 from nilbs.fields.field import Field, PosedField

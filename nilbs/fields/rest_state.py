@@ -15,7 +15,7 @@ from nilbs.fields.forward_network import ForwardNetwork
 from nilbs.fields.inverse_map import InverseField
 from nilbs.fields.network import WeightNetwork
 from nilbs.fields.search import SearchField
-from nilbs.fields.unit_frame import at_rest, first_joints, root_bone
+from nilbs.engine.unit_frame import at_rest, first_joints, root_bone
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.rest_grids import distance_bricks, weight_grid
 from nilbs.geometry.skin_fit import fit_to_skin

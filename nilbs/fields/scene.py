@@ -10,7 +10,7 @@ from torch import Tensor
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
 from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
-from nilbs.fields.unit_frame import UnitFrame, at_rest
+from nilbs.engine.unit_frame import UnitFrame, at_rest
 
 # The most labelled points of a training, which bounds its memory for motions of any length.
 MOST_LABELLED = 10_000_000

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from nilbs.fields.answer import Answer
+from nilbs.engine.answer import Answer
 from nilbs.fields.cramer import cramer
 from nilbs.fields.field import Field, PosedField
 from nilbs.fields.fixed_point import fixed_point

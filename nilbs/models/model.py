@@ -10,9 +10,9 @@ import torch
 
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
-from nilbs.fields.answer import Answer
+from nilbs.engine.answer import Answer
 from nilbs.fields.field import Field, like
-from nilbs.fields.unit_frame import UnitFrame, rest_center, root_bone
+from nilbs.engine.unit_frame import UnitFrame, rest_center, root_bone
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.surface import Surface
@@ -49,7 +49,7 @@ class Model:
     history : (steps,) float array
         Loss at each training step.
     field : Field
-        What was trained, in torch, in the frame of `nilbs.fields.unit_frame`.
+        What was trained, in torch, in the frame of `nilbs.engine.unit_frame`.
     """
 
     character: Character

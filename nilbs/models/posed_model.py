@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from nilbs.characters.character import Character
-from nilbs.fields.answer import Answer
+from nilbs.engine.answer import Answer
 from nilbs.fields.field import Field, PosedField, like
 from nilbs.fields.search import SearchField
-from nilbs.fields.unit_frame import FAR, UnitFrame, at_rest, rest_center
+from nilbs.engine.unit_frame import FAR, UnitFrame, at_rest, rest_center
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.surface import Surface

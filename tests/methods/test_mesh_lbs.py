@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from nilbs.fields.array_field import WIDTH
-from nilbs.fields.unit_frame import UnitFrame
+from nilbs.engine.unit_frame import UnitFrame
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.facets import is_watertight
 from nilbs.geometry.grids import Grid

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.unit_frame import rest_center
+from nilbs.engine.unit_frame import rest_center
 from nilbs.geometry.rotations import transform_points
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
 from nilbs.models.model import load_model, torch_device

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 import nilbs.models.posed_model
-from nilbs.fields.answer import Answer
+from nilbs.engine.answer import Answer
 from nilbs.fields.search import PosedSearch
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.facets import is_watertight

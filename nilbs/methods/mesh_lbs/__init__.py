@@ -20,7 +20,7 @@ class MeshSkinning(Method):
     def field(self, character: "Character") -> "ArrayField":
         """The field of a character."""
         from nilbs.fields.array_field import ArrayField
-        from nilbs.fields.unit_frame import at_rest
+        from nilbs.engine.unit_frame import at_rest
         from nilbs.methods.mesh_lbs.field import MeshInPose
 
         return ArrayField(MeshInPose(at_rest(character, character.V), character.F, character.W), canonical_points=False)

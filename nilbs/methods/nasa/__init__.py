@@ -50,7 +50,7 @@ class Nasa(NetworkMethod):
         """An untrained network for each bone."""
         import torch
 
-        from nilbs.fields.unit_frame import first_joints, root_bone
+        from nilbs.engine.unit_frame import first_joints, root_bone
         from nilbs.methods.nasa.field import NasaField
 
         centers = torch.as_tensor(first_joints(character))

@@ -20,7 +20,7 @@ class Nearest(Method):
     def field(self, character: "Character") -> "ArrayField":
         """The field of a character."""
         from nilbs.fields.array_field import ArrayField
-        from nilbs.fields.unit_frame import at_rest
+        from nilbs.engine.unit_frame import at_rest
         from nilbs.methods.nearest.field import NearestVertex
 
         return ArrayField(NearestVertex(at_rest(character, character.V), character.F, character.W))

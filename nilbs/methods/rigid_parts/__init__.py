@@ -24,7 +24,7 @@ class RigidParts(Method):
     def field(self, character: "Character") -> "ArrayField":
         """The field of a character."""
         from nilbs.fields.array_field import ArrayField
-        from nilbs.fields.unit_frame import at_rest
+        from nilbs.engine.unit_frame import at_rest
         from nilbs.methods.rigid_parts.field import RigidPieces
 
         c = character

@@ -51,7 +51,7 @@ class Snarf(NetworkMethod):
         """An untrained pair of networks."""
         import torch
 
-        from nilbs.fields.unit_frame import first_joints
+        from nilbs.engine.unit_frame import first_joints
         from nilbs.methods.snarf.field import SnarfField
 
         P, centers = torch.as_tensor(character.skeleton.P), torch.as_tensor(first_joints(character))

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from nilbs.fields.answer import Answer
+from nilbs.engine.answer import Answer
 from nilbs.fields.cramer import cramer
 from nilbs.fields.encoding import ParameterEncoding
 from nilbs.fields.field import Field

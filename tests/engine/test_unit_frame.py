@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.unit_frame import UnitFrame, at_rest, rest_center, root_bone
+from nilbs.engine.unit_frame import UnitFrame, at_rest, rest_center, root_bone
 from nilbs.geometry.rotations import rigid_transforms
 from nilbs.geometry.skinning import linear_blend_skinning
 

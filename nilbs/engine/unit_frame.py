@@ -1,8 +1,9 @@
 """The frame that fields work in: relative to the root bone, centred, in units of the character's size."""
 
+import sys
+from typing import Generic, TypeVar
+
 import numpy as np
-import torch
-from torch import Tensor
 
 from nilbs.characters.character import Character
 from nilbs.geometry.rotations import rigid_transforms
@@ -12,23 +13,26 @@ SINGULAR = 1e-12
 # In units of L: single precision does not resolve points that are farther away.
 FAR = 1e6
 
+# A numpy array or a torch tensor; what follows is computed in the same way for both.
+Array = TypeVar("Array")
 
-class UnitFrame:
+
+class UnitFrame(Generic[Array]):
     """A pose, or several, in the unit frame, and the way there and back for points.
 
     A field thereby answers the same for a character and its rigidly moved, scaled or far-away copy. Everything is
-    computed in the precision of the pose; in double precision nothing is lost far from the origin. Tensors are
-    differentiable.
+    computed in the precision of the pose; in double precision nothing is lost far from the origin. Poses and points
+    are numpy arrays, or torch tensors, which are differentiable.
 
     Parameters
     ----------
     character : Character
-    pose : (..., b, d+1, d+1) tensor
+    pose : (..., b, d+1, d+1) array or tensor
         Bone transforms, rest to posed, in mesh units.
 
     Attributes
     ----------
-    B : (..., b, d+1, d+1) tensor
+    B : (..., b, d+1, d+1) array or tensor
         The pose in the unit frame.
 
     Raises
@@ -37,35 +41,37 @@ class UnitFrame:
         If a bone's transform is singular, or moves the bone very far from the root.
     """
 
-    def __init__(self, character: Character, pose: Tensor) -> None:
+    B: Array
+
+    def __init__(self, character: Character, pose: Array) -> None:
         d, L, center = character.d, character.L, rest_center(character)
-        _check(
-            torch.linalg.det(pose[..., :d, :d]).abs() < SINGULAR, "has a singular transform; fields take its inverse"
-        )
-        to_unit = torch.as_tensor(rigid_transforms(np.eye(d) / L, -center / L)).to(pose)
-        from_unit = torch.as_tensor(rigid_transforms(np.eye(d) * L, center)).to(pose)
-        self.character, self._root = character, pose[..., root_bone(character), :, :]
-        self._to_root = to_unit @ torch.linalg.inv(self._root)
+        linalg = _linalg(pose)
+        determinant = linalg.det(pose[..., :d, :d])  # type: ignore[index]
+        _check(abs(determinant) < SINGULAR, "has a singular transform; fields take its inverse")
+        to_unit = _like(rigid_transforms(np.eye(d) / L, -center / L), pose)
+        from_unit = _like(rigid_transforms(np.eye(d) * L, center), pose)
+        self.character, self._root = character, pose[..., root_bone(character), :, :]  # type: ignore[index]
+        self._to_root = to_unit @ linalg.inv(self._root)
         self.B = self._to_root[..., None, :, :] @ pose @ from_unit
-        far = ~(self.B.abs().amax(dim=(-2, -1)) < FAR)
+        far = ~(abs(self.B) < FAR).all(-1).all(-1)  # type: ignore[arg-type]
         _check(far, f"is moved or stretched by {FAR:g} times the character's size or more against the root")
 
-    def points(self, x: Tensor) -> Tensor:
+    def points(self, x: Array) -> Array:
         """Posed points (..., n, d) in the unit frame."""
         d = self.character.d
-        return x @ self._to_root[..., :d, :d].mT + self._to_root[..., None, :d, d]
+        return x @ self._to_root[..., :d, :d].mT + self._to_root[..., None, :d, d]  # type: ignore[no-any-return]
 
-    def points_back(self, x_unit: Tensor) -> Tensor:
+    def points_back(self, x_unit: Array) -> Array:
         """Points (..., n, d) of the unit frame in mesh units."""
         c, d = self.character, self.character.d
-        x = x_unit * c.L + torch.as_tensor(rest_center(c)).to(x_unit)
-        return x @ self._root[..., :d, :d].mT + self._root[..., None, :d, d]
+        x = x_unit * c.L + _like(rest_center(c), x_unit)
+        return x @ self._root[..., :d, :d].mT + self._root[..., None, :d, d]  # type: ignore[no-any-return]
 
     @property
-    def turn_back(self) -> Tensor:
+    def turn_back(self) -> Array:
         """Matrix (..., d, d) that takes gradients by points of the unit frame to those in the world, but for L."""
         d = self.character.d
-        return torch.linalg.inv(self._root[..., :d, :d])
+        return _linalg(self._root).inv(self._root[..., :d, :d])  # type: ignore[no-any-return]
 
 
 def rest_center(character: Character) -> np.ndarray:
@@ -89,9 +95,19 @@ def first_joints(character: Character) -> np.ndarray:
     return at_rest(character, skeleton.C[skeleton.BE[:, 0]])
 
 
-def _check(wrong: Tensor, what: str) -> None:
+def _linalg(array):  # type: ignore[no-untyped-def]
+    """The linear algebra of an array's library: a tensor's is loaded wherever there is one."""
+    return np.linalg if isinstance(array, np.ndarray) else sys.modules["torch"].linalg
+
+
+def _like(array: np.ndarray, other):  # type: ignore[no-untyped-def]
+    """The array in the library, the type and on the device of another."""
+    return array if isinstance(other, np.ndarray) else sys.modules["torch"].as_tensor(array).to(other)
+
+
+def _check(wrong, what: str) -> None:  # type: ignore[no-untyped-def]
     """Raise ValueError for the first bone (..., b) at fault."""
     if bool(wrong.any()):
-        *pose, bone = torch.nonzero(wrong)[0].tolist()
+        *pose, bone = np.argwhere(np.asarray(wrong.cpu() if hasattr(wrong, "cpu") else wrong))[0].tolist()
         where = f" in pose {pose[0]}" if pose else ""
         raise ValueError(f"bone {bone}{where} {what}")
