@@ -40,7 +40,7 @@ ALLOWED = {
     "geometry": set(),
     "io": {"geometry"},
     "characters": {"geometry", "io"},
-    "engine": {"geometry"},
+    "engine": {"geometry", "characters"},
     "fields": {"geometry", "characters", "engine"},
     "methods": {"geometry", "characters", "engine", "fields"},
     "models": {"geometry", "io", "characters", "engine", "fields", "methods"},

@@ -1,5 +1,6 @@
 """What every field returns at posed points, whatever its method."""
 
+from collections.abc import Callable
 from typing import Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
@@ -40,3 +41,9 @@ class Answer(NamedTuple, Generic[Array]):
         """The same with lengths multiplied by L, and canonical points moved by the centre as well."""
         level, distance, x_rest, width = self
         return self._replace(level=level * L, distance=distance * L, x_rest=x_rest * L + center, width=width * L)  # type: ignore[operator]
+
+
+# In one pose: posed points (n, d) and the transform (d, d+1) that moves them into the unit frame -> their answers.
+PosedEngine = Callable[[np.ndarray, np.ndarray], Answer[np.ndarray]]
+# A method of a character in arrays: a pose (b, d+1, d+1) of the unit frame -> the method in it.
+Engine = Callable[[np.ndarray], PosedEngine]

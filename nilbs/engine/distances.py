@@ -1,5 +1,6 @@
 """Rest distances at rest points, compiled, from bricks of values."""
 
+from collections.abc import Sequence
 from math import prod
 from typing import NamedTuple, Self
 
@@ -33,19 +34,12 @@ class Distances(NamedTuple):
         finer: np.ndarray,
         origin: np.ndarray,
         spacing: float,
-        parts: list[int],
+        parts: Sequence[int],
     ) -> Self:
         """The distances of a grid in d dimensions; the arrays are those of `nilbs.geometry.rest_grids.Bricks`."""
         d = brick.ndim
-        first_value, first_cell = [], []
-        value, cell, above = prod(n + 1 for n in brick.shape), 0, brick.ravel()
-        for at, part in enumerate(parts):
-            bricks, last = int(above.max(initial=-1)) + 1, at == len(parts) - 1
-            first_value.append(value)
-            first_cell.append(-1 if last else cell)
-            value += bricks * (part + 1) ** d
-            above = finer[cell : cell + (0 if last else bricks * part**d)]
-            cell += 0 if last else bricks * part**d
+        made = divisions(brick, finer, parts)
+        first_value = [division.first_value for division in made]
         if d == 2:  # every node twice, on both sides of the plane
             values, first_value = np.repeat(values, 2), [2 * first for first in first_value]
         return cls(
@@ -55,10 +49,45 @@ class Distances(NamedTuple):
             finer,
             values,
             unit,
-            np.array([[part, part, part if d == 3 else 1] for part in parts], dtype=np.int64).reshape(-1, 3),
+            np.array([[n.parts, n.parts, n.parts if d == 3 else 1] for n in made], dtype=np.int64).reshape(-1, 3),
             np.array(first_value, dtype=np.int64),
-            np.array(first_cell, dtype=np.int64),
+            np.array([-1 if n.first_cell is None else n.first_cell for n in made], dtype=np.int64),
         )
+
+
+class Division(NamedTuple):
+    """One division of cells: in how many parts, and where its bricks' nodes and, but for the last, cells begin."""
+
+    parts: int
+    first_value: int
+    first_cell: int | None
+
+
+def divisions(
+    brick: np.ndarray, finer: np.ndarray, parts: Sequence[int], *, values: int | None = None
+) -> list[Division]:
+    """What each division of bricks has of their values and of `finer`.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer values, where their number is given, or cells than the bricks have.
+    """
+    d, found = brick.ndim, []
+    value, cell, above = prod(n + 1 for n in brick.shape), 0, brick.ravel()
+    for at, part in enumerate(parts):
+        bricks, last = int(above.max(initial=-1)) + 1, at == len(parts) - 1
+        if not bricks:
+            break
+        found.append(Division(part, value, None if last else cell))
+        value += bricks * (part + 1) ** d
+        above = finer[cell : cell + (0 if last else bricks * part**d)]
+        cell += 0 if last else bricks * part**d
+    if values not in (None, value) or cell != len(finer):
+        raise ValueError(
+            f"the grid and its bricks have {value} nodes and the bricks {cell} cells, not {values} and {len(finer)}"
+        )
+    return found
 
 
 @compiled

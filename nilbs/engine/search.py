@@ -5,7 +5,7 @@ where searches start: `nilbs.engine.lattice` instead of `nilbs.fields.overlap`.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from nilbs.engine.answer import Answer
 from nilbs.engine.compiled import compiled, in_pieces
 from nilbs.engine.distances import Distances, rest_distance
 from nilbs.engine.lattice import Lattice, Starts
-from nilbs.engine.unit_frame import FAR
 from nilbs.engine.weights import Weights, counted, forward, transforms
 
 # Lengths are in units of the body's longest edge, as in `nilbs.fields.newton`.
@@ -52,6 +51,8 @@ class SearchEngine:
     lattice: Lattice
     d: int
     width: float
+    has_distance: ClassVar[bool] = True
+    has_canonical_points: ClassVar[bool] = True
 
     @classmethod
     def of(cls, weights: Weights, distances: Distances, *, d: int, width: float) -> Self:
@@ -78,26 +79,17 @@ class PosedSearch:
         self._starts, self._B = Starts.of(engine.lattice, pose), counted(pose)
         self.queries = self.evaluations = 0
 
-    def __call__(self, x: np.ndarray, to_unit: np.ndarray | None = None) -> Answer[np.ndarray]:
-        """The answer at points (n, d); infinitely far outside where a point has no canonical point, which is nan then.
+    def __call__(self, x: np.ndarray, to_unit: np.ndarray) -> Answer[np.ndarray]:
+        """The answer at points (n, d), which the transform (d, d+1) moves into the unit frame.
 
-        `to_unit` (d, d+1) moves the points into the unit frame; None leaves them.
-
-        Raises
-        ------
-        ValueError
-            If a point lies `FAR` or farther from the character, or is not finite.
+        A point without a canonical point is infinitely far outside, and its canonical point is nan.
         """
-        e, n, d = self.engine, *x.shape
+        e, n = self.engine, len(x)
         place, key = np.empty((n, 3), dtype=np.float32), np.empty(n, dtype=np.int32)
-        move = np.eye(d, d + 1) if to_unit is None else to_unit
-        x = np.ascontiguousarray(x, dtype=np.float64)
-        in_pieces(lambda begin, end: _placed(x, move, self._starts, begin, end, place, key), n, piece=8 * PIECE)
+        x, to_unit = np.ascontiguousarray(x, dtype=np.float64), np.ascontiguousarray(to_unit, dtype=np.float64)
+        in_pieces(lambda begin, end: _placed(x, to_unit, self._starts, begin, end, place, key), n, piece=8 * PIECE)
         order = np.empty(n, dtype=np.int32)
         count = _sorted(key, int(self._starts.base[1]), order)
-        if count < 0:
-            i = -count - 1
-            raise ValueError(f"x[{i}] = {x[i].tolist()} is {FAR:g} times the character's size away, or more")
         distance = np.full(n, np.inf, dtype=np.float32)
         x_rest = np.full((n, 3), np.nan, dtype=np.float32)
         looks = np.zeros(-(-count // PIECE), dtype=np.int64)
@@ -110,32 +102,44 @@ class PosedSearch:
         in_pieces(search, count, piece=PIECE)
         self.queries += n
         self.evaluations += int(looks.sum())
-        return Answer(distance, distance, x_rest[:, :d], e.width)
+        return Answer(distance, distance, x_rest[:, : e.d], e.width)
+
+    def images(self, x_rest: np.ndarray) -> np.ndarray:
+        """Images (n, d) of rest points (n, d) under the forward map, all in the unit frame."""
+        n, d = x_rest.shape
+        place, found = np.zeros((n, 3), dtype=np.float32), np.empty((n, 3), dtype=np.float32)
+        place[:, :d] = x_rest
+        in_pieces(lambda begin, end: _images(place, begin, end, self.engine.weights, self._B, found), n, piece=PIECE)
+        return found[:, :d]
+
+
+@compiled
+def _images(place, begin, end, weights, B, found):  # type: ignore[no-untyped-def]
+    """Write the images of rest points."""
+    for i in range(begin, end):
+        x = forward(place[i, 0], place[i, 1], place[i, 2], weights, B)
+        found[i, 0], found[i, 1], found[i, 2] = x[0], x[1], x[2]
 
 
 @compiled
 def _placed(x, move, starts, begin, end, place, key):  # type: ignore[no-untyped-def]
-    """Write points in the unit frame, and their cells in the finest grid of starts: -1 outside all, -2 too far away."""
+    """Write points in the unit frame, and their cells in the finest grid of starts, -1 outside all."""
     d = x.shape[1]
     for i in range(begin, end):
         place[i, 2] = np.float32(0)
-        key[i] = 0
+        key[i] = -1
         for r in range(d):
             v = move[r, d]
             for j in range(d):
                 v += move[r, j] * x[i, j]
-            if not abs(v) < FAR:
-                key[i] = -2
             place[i, r] = np.float32(v)
-        if key[i] == 0:
-            key[i] = -1
-            for level in range(starts.edge.shape[0]):
-                at = _grid_cell(starts, level, place[i, 0], place[i, 1], place[i, 2])
-                if at < 0:
-                    break
-                if starts.first[at + 1] > starts.first[at]:
-                    key[i] = _grid_cell(starts, 0, place[i, 0], place[i, 1], place[i, 2])
-                    break
+        for level in range(starts.edge.shape[0]):
+            at = _grid_cell(starts, level, place[i, 0], place[i, 1], place[i, 2])
+            if at < 0:
+                break
+            if starts.first[at + 1] > starts.first[at]:
+                key[i] = _grid_cell(starts, 0, place[i, 0], place[i, 1], place[i, 2])
+                break
 
 
 @compiled
@@ -151,13 +155,11 @@ def _grid_cell(starts, level, p0, p1, p2):  # type: ignore[no-untyped-def]
 
 @compiled
 def _sorted(key, cells, order):  # type: ignore[no-untyped-def]
-    """Write the points that have a cell by cells, and return their number; or -i - 1 for a point i too far away."""
+    """Write the points that have a cell by cells, and return their number."""
     first = np.zeros(cells + 1, dtype=np.int32)
     for i in range(key.shape[0]):
         if key[i] >= 0:
             first[key[i] + 1] += 1
-        elif key[i] == -2:
-            return -i - 1
     for c in range(cells):
         first[c + 1] += first[c]
     for i in range(key.shape[0]):

@@ -56,6 +56,11 @@ class UnitFrame(Generic[Array]):
         far = ~(abs(self.B) < FAR).all(-1).all(-1)  # type: ignore[arg-type]
         _check(far, f"is moved or stretched by {FAR:g} times the character's size or more against the root")
 
+    @property
+    def to_unit(self) -> Array:
+        """The transform (..., d, d+1) that moves posed points into the unit frame."""
+        return self._to_root[..., : self.character.d, :]  # type: ignore[index, no-any-return]
+
     def points(self, x: Array) -> Array:
         """Posed points (..., n, d) in the unit frame."""
         d = self.character.d

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from math import prod
-from typing import NamedTuple, Self
+from typing import Self
 
 import torch
 from torch import Tensor, nn
+
+from nilbs.engine.distances import divisions
 
 
 class RestCache(nn.Module):
@@ -59,9 +61,9 @@ class RestCache(nn.Module):
     ) -> None:
         super().__init__()
         for name, tensor in {"values": values, "brick": brick, "finer": finer, "origin": origin}.items():
-            self.register_buffer(name, tensor)
+            self.register_buffer(name, tensor, persistent=False)
         self.spacing, self.width = float(spacing), float(width)
-        self._divisions = _divisions(len(values), brick, finer, tuple(parts))
+        self._divisions = divisions(brick.cpu().numpy(), finer.cpu().numpy(), parts, values=len(values))
 
     @classmethod
     def of_grid(cls, values: Tensor, origin: Tensor, spacing: float, *, width: float) -> Self:
@@ -108,34 +110,6 @@ class RestCache(nn.Module):
     def occupancy(self, x_rest: Tensor) -> Tensor:
         """Occupancy (...,) of rest points (..., d): one half on the surface, one inside."""
         return torch.sigmoid(-self.distance(x_rest) / self.width)
-
-
-class _Division(NamedTuple):
-    """One division of cells: in how many parts, and where its bricks' nodes and, but for the last, cells begin."""
-
-    parts: int
-    first_value: int
-    first_cell: int | None
-
-
-def _divisions(values: int, brick: Tensor, finer: Tensor, parts: tuple[int, ...]) -> list[_Division]:
-    """What each division has of the values and of the cells of bricks; together they must have all."""
-    d, divisions = brick.ndim, []
-    value, cell, above = prod(n + 1 for n in brick.shape), 0, brick.ravel()
-    for at, part in enumerate(parts):
-        bricks = int(above.max()) + 1 if len(above) else 0
-        if not bricks:
-            break
-        final = at == len(parts) - 1
-        divisions.append(_Division(part, value, None if final else cell))
-        value += bricks * (part + 1) ** d
-        above = finer[cell : cell + (0 if final else bricks * part**d)]
-        cell += 0 if final else bricks * part**d
-    if (value, cell) != (values, len(finer)):
-        raise ValueError(
-            f"the grid and its bricks have {value} nodes and the bricks {cell} cells, not {values} and {len(finer)}"
-        )
-    return divisions
 
 
 def _strides(shape: list[int] | torch.Size) -> list[int]:

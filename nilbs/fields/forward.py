@@ -58,7 +58,7 @@ class ForwardField(nn.Module):
         super().__init__()
         parts = {"row": row, "node": node, "bone": bone, "weight": weight, "first": first, "origin": origin}
         for name, tensor in parts.items():
-            self.register_buffer(name, tensor)
+            self.register_buffer(name, tensor, persistent=False)
         self.spacing = float(spacing)
 
     def nodes(self) -> Tensor:

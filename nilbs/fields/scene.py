@@ -9,8 +9,8 @@ from torch import Tensor
 
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
-from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
 from nilbs.engine.unit_frame import UnitFrame, at_rest
+from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
 
 # The most labelled points of a training, which bounds its memory for motions of any length.
 MOST_LABELLED = 10_000_000

@@ -1,4 +1,4 @@
-"""The default field: a root search on the forward map, from the network's answer and from every part of the body."""
+"""The default field: a root search on the forward map, from every part of the body or from the network's answer."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -42,8 +42,7 @@ class Search:
 
 
 SEARCHES = {
-    "search": Search(network=True, parts=True),
-    "parts": Search(parts=True),
+    "search": Search(parts=True),
     "one-search": Search(network=True),
     "all-bones": Search(bones=True),
     "fixed-point": Search(network=True, iterate=partial(fixed_point, iterations=CONTRACTIONS)),

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from nilbs.characters.character import Character
+    from nilbs.engine.answer import Engine
+    from nilbs.engine.rest_state import RestState
     from nilbs.fields.field import Field, PosedField
     from nilbs.fields.objective import Objective, Term
     from nilbs.fields.occupancy_term import OccupancyTerm
@@ -138,6 +140,20 @@ class Method:
         """An untrained field of the character."""
         raise NotImplementedError
 
+    def rest(self, character: "Character") -> "RestState":
+        """What is computed of the rest pose before any training, in arrays; here nothing."""
+        from nilbs.engine.rest_state import RestState
+
+        return RestState()
+
+    def field_around(self, character: "Character", rest: "RestState") -> "Field":
+        """An untrained field around what `rest` returned."""
+        return self.field(character)
+
+    def engine(self, character: "Character", rest: "RestState", mapping: str | None = None) -> "Engine | None":
+        """What answers by a mapping without torch; None if the field must."""
+        return None
+
     def posed(self, field: "Field", B: "Tensor", mapping: str | None = None, *, ghost: bool = True) -> "PosedField":
         """A field of this method in a pose (b, d+1, d+1) of the unit frame.
 
@@ -155,19 +171,14 @@ class Method:
             choice = f"its mappings are {', '.join(self.mappings)}" if self.mappings else "it has no choice of them"
             raise ValueError(f"the method {self.name} has no mapping {mapping!r}; {choice}")
 
-    def header(self, field: "Field") -> dict[str, Any]:
-        """What a model file keeps of a field in JSON besides its tensors."""
-        return {}
-
-    def restored(self, character: "Character", state: "Mapping[str, np.ndarray]", header: Mapping[str, Any]) -> "Field":
-        """The field around tensors that a file held; `header` is what the method of that name returned.
+    def check_state(self, character: "Character", state: "Mapping[str, np.ndarray]", rest: "RestState") -> None:
+        """Check that arrays that a file held are those of a field of these settings: its parameters and grids.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            If they are not those of a field of these settings.
+            Naming what does not fit.
         """
-        return self.field(character)
 
 
 REGISTERED: dict[str, type[Method]] = {}
@@ -192,7 +203,8 @@ class TrainedMethod(Method):
     def resolved(self, character: "Character") -> Self:
         """With the number of steps that fits the number of bones."""
         # More bones are harder to separate, and take longer.
-        return replace(self, steps=self.steps or min(1000 + 100 * len(character.skeleton.BE), 4000))
+        steps = min(1000 + 100 * len(character.skeleton.BE), 4000) if self.steps is None else self.steps
+        return replace(self, steps=steps)
 
     @property
     def batch(self) -> dict[str, int]:
@@ -244,10 +256,9 @@ class NetworkMethod(TrainedMethod):
         if self.width**2 * self.depth > MOST:
             raise ValueError(f"depth {self.depth} and width {self.width} give more than {MOST:g} weights")
 
-    def restored(self, character: "Character", state: "Mapping[str, np.ndarray]", header: Mapping[str, Any]) -> "Field":
-        """As `Method.restored`; nothing is built larger than what the file holds."""
+    def check_state(self, character: "Character", state: "Mapping[str, np.ndarray]", rest: "RestState") -> None:
+        """As `Method.check_state`: nothing is built larger than what the file holds."""
         self.check_layers(state)
-        return super().restored(character, state, header)
 
     def check_layers(self, state: "Mapping[str, np.ndarray]") -> None:
         """Raise ValueError if a file's tensors cannot hold layers of these sizes."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from nilbs.methods.base import NetworkMethod, setting
 
@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from nilbs.characters.character import Character
+    from nilbs.engine.answer import Engine
+    from nilbs.engine.rest_state import RestState
     from nilbs.fields.field import Field, PosedField
     from nilbs.fields.inverse_map import InverseField
     from nilbs.fields.objective import Term
@@ -20,14 +22,14 @@ if TYPE_CHECKING:
     from nilbs.fields.weight_term import WeightTerm
 
 MAPPINGS = {
-    "search": "a root search on the forward weights, from the network's answer and from every part that lies there",
-    "parts": "the root search from every part that lies there, without the network",
+    "search": "a root search on the forward weights from every part of the body that lies there, without the network",
     "one-search": "the root search from the network's answer alone",
     "all-bones": "the root search from every bone's rigid inverse, as in SNARF, without the network",
     "fixed-point": "eq. 5 iterated from the network's answer: x_rest <- [W(x_rest) B]^-1 x",
     "inverse": "the network's inverse map (eq. 6), with the ghost bone (eq. 8)",
     "reverse": "the blend of the bones' inverses, sum_b W_b B_b^-1 x, with the ghost bone",
 }
+NEED_NETWORK = {"one-search", "fixed-point", "inverse", "reverse"}
 # The most nodes of a grid that anyone can have meant.
 MOST_CELLS, MOST_WEIGHT_CELLS = 2**30, 2**27
 
@@ -38,6 +40,9 @@ class InverseSkinning(NetworkMethod):
 
     mappings: ClassVar[Mapping[str, str]] = MAPPINGS
 
+    steps: int | None = setting(
+        None, "training steps (default: 1000 and 100 more for each bone, at most 4000); 0: no network, the grids alone"
+    )
     mapping: str = setting("search", "way to the canonical point; training does not depend on it", choices=MAPPINGS)
     encoding: str = setting(
         "local",
@@ -77,16 +82,46 @@ class InverseSkinning(NetworkMethod):
             weight_resolution=self.weight_resolution or {2: 256, 3: 128}[d],
         )
 
-    def field(self, character: "Character") -> "SearchField":
-        """An untrained field; its grids of the rest pose are computed here."""
-        from nilbs.fields.rest_state import rest_state
+    def rest(self, character: "Character") -> "RestState":
+        """Grids of distance and of weights."""
+        from nilbs.engine.rest_state import rest_state
 
         assert self.cache_resolution is not None
         assert self.weight_resolution is not None
-        rest = rest_state(
+        return rest_state(
             character, cache_cells=self.cache_resolution, weight_cells=self.weight_resolution, seed=self.seed
         )
-        return self._around(character, rest.arrays, rest.spacing)
+
+    def field(self, character: "Character") -> "SearchField":
+        """An untrained field; its grids of the rest pose are computed here."""
+        return self.field_around(character, self.rest(character))
+
+    def field_around(self, character: "Character", rest: "RestState") -> "SearchField":
+        """An untrained field around grids of the rest pose."""
+        from nilbs.fields.rest_state import search_field
+
+        return search_field(
+            character,
+            rest,
+            cache_width=self.cache_width,
+            encoding=self.encoding,
+            ghost=self.ghost,
+            width=self.width,
+            depth=self.depth,
+            forward_network=self.forward == "network",
+        )
+
+    def engine(self, character: "Character", rest: "RestState", mapping: str | None = None) -> "Engine | None":
+        """The compiled root search, by the mapping "search" on the grid of weights."""
+        if (mapping or self.mapping) != "search" or self.forward != "grid":
+            return None
+        return rest.engine(width=self.cache_width)
+
+    def check_mapping(self, mapping: str | None) -> None:
+        """Raise ValueError if there is no such mapping, or no network for it."""
+        super().check_mapping(mapping)
+        if self.steps == 0 and (mapping or self.mapping) in NEED_NETWORK:
+            raise ValueError(f"the mapping {mapping or self.mapping!r} needs a network, and training had 0 steps")
 
     def terms(self, field: "Field", scene: "Scene") -> "list[Term]":
         """Losses of the weights at canonical points, and of the second network where there is one."""
@@ -120,37 +155,10 @@ class InverseSkinning(NetworkMethod):
         self.check_mapping(mapping)
         return field.posed(B, mapping or self.mapping, ghost=ghost)
 
-    def header(self, field: "Field") -> dict[str, Any]:
-        """Edges of the grids' cells."""
-        from nilbs.fields.rest_state import spacing_of
-        from nilbs.fields.search import SearchField
+    def check_state(self, character: "Character", state: "Mapping[str, np.ndarray]", rest: "RestState") -> None:
+        """As `NetworkMethod.check_state`; without steps there is no network."""
+        from nilbs.engine.rest_state import check_rest_state
 
-        assert isinstance(field, SearchField)
-        return {"spacing": spacing_of(field)}
-
-    def restored(
-        self, character: "Character", state: "Mapping[str, np.ndarray]", header: Mapping[str, Any]
-    ) -> "SearchField":
-        """As `NetworkMethod.restored`; the grids are those of the file."""
-        from nilbs.fields.rest_state import check_rest_state, checked_spacing
-
-        self.check_layers(state)
-        check_rest_state(state, character)
-        return self._around(character, state, checked_spacing(header["spacing"]))
-
-    def _around(
-        self, character: "Character", grids: "Mapping[str, np.ndarray]", spacing: Mapping[str, float]
-    ) -> "SearchField":
-        from nilbs.fields.rest_state import search_field
-
-        return search_field(
-            character,
-            grids,
-            spacing,
-            cache_width=self.cache_width,
-            encoding=self.encoding,
-            ghost=self.ghost,
-            width=self.width,
-            depth=self.depth,
-            forward_network=self.forward == "network",
-        )
+        check_rest_state(rest, character)
+        if self.steps:
+            self.check_layers({name: array for name, array in state.items() if name not in rest.arrays})

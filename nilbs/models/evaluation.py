@@ -17,9 +17,9 @@ from nilbs.geometry.sampling import near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.methods.base import NOISE
 from nilbs.methods.mesh_lbs.field import PosedMesh
-from nilbs.methods.registry import method_class, untrained
+from nilbs.methods.registry import untrained
+from nilbs.models.fitting import fit
 from nilbs.models.model import Model
-from nilbs.models.posed_model import PosedModel
 from nilbs.models.protocol import IOUS, POINTS, POSE_SETS, RESOLUTION
 
 POSES = 10
@@ -258,9 +258,8 @@ def _predictor(model: Model, row: str) -> Callable[[np.ndarray], _Posed | None]:
         return lambda pose: None
     if row == "" or row in model.method.mappings:
         return lambda pose: model.posed(pose, mapping=row or None)
-    method = method_class(row)().resolved(model.character)
-    field = method.field(model.character)
-    return lambda pose: PosedModel(model.character, method, field, pose)
+    baseline = fit(model.character, model.motion, row)
+    return lambda pose: baseline.posed(pose)
 
 
 @dataclass(frozen=True)

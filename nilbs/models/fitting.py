@@ -6,21 +6,23 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
 from nilbs.characters.report import Report, silent
-from nilbs.fields.field import Field, like
-from nilbs.fields.objective import Objective
-from nilbs.fields.scene import Scene
-from nilbs.fields.training import TrainingState, train
 from nilbs.methods.base import Method, TrainedMethod
 from nilbs.methods.registry import method_of, values_of
-from nilbs.models.model import Model, torch_device
+from nilbs.models.model import Model
+
+if TYPE_CHECKING:
+    import torch
+
+    from nilbs.fields.field import Field
+    from nilbs.fields.objective import Objective
+    from nilbs.fields.training import TrainingState
 
 CHECKPOINT_KIND = "nilbs checkpoint 4"
 # Steps of the trial that measures a step, and the share of the time after which fewer must do.
@@ -36,7 +38,7 @@ def fit(
     method: Method | str = "nilbs",
     *,
     device: str = "auto",
-    dtype: torch.dtype = torch.float32,
+    dtype: "torch.dtype | None" = None,
     minutes: float | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
@@ -56,7 +58,7 @@ def fit(
     device : str
         "cpu", "cuda", ... or "auto".
     dtype : torch.dtype
-        torch.float32 or torch.float64.
+        torch.float32, the default, or torch.float64.
     minutes : float, optional
         How long the steps may take together, instead of their number; a short trial measures how many will fit. The
         model's method then has that number, and a training with it gives the same model.
@@ -95,8 +97,6 @@ def fit(
     array([ True, False])
     """
     chosen = method_of(method, **settings)
-    if dtype not in (torch.float32, torch.float64):
-        raise ValueError(f"dtype must be torch.float32 or torch.float64, got {dtype}")
     if not len(motion):
         raise ValueError("the motion has no frames")
     if minutes is not None and not (0 < minutes < float("inf") and getattr(chosen, "steps", None) is None):
@@ -108,19 +108,32 @@ def fit(
         )
     resolved = chosen.resolved(character)
     report = report or silent
+    rest = resolved.rest(character)
+    if not isinstance(resolved, TrainedMethod):
+        report(f"the method {resolved.name} learns nothing: there is no training")
+        return Model(character, motion, resolved, np.zeros(0), rest=rest)
+    if resolved.steps == 0:
+        report("0 steps: the model has no network")
+        return Model(character, motion, resolved, np.zeros(0), rest=rest)
+    import torch
+
+    from nilbs.fields.field import like
+    from nilbs.fields.scene import Scene
+    from nilbs.fields.training import train
+    from nilbs.models.torch_field import parameters_of, torch_device
+
+    dtype = torch.float32 if dtype is None else dtype
+    if dtype not in (torch.float32, torch.float64):
+        raise ValueError(f"dtype must be torch.float32 or torch.float64, got {dtype}")
     # How long a training takes is no part of what it is.
-    timed = minutes is not None and isinstance(resolved, TrainedMethod)
-    open_ended = replace(resolved, steps=None) if timed else resolved  # type: ignore[call-arg]
+    open_ended = resolved if minutes is None else replace(resolved, steps=None)
     fingerprint = _fingerprint(character, motion, open_ended, dtype)
     state = None
     if checkpoint is not None and resume:
         state = _load_checkpoint(Path(checkpoint), fingerprint, report)
     with torch.random.fork_rng():  # networks draw from torch's own generator, which is the caller's
         torch.manual_seed(resolved.seed)
-        field = resolved.field(character).to(device=torch_device(device), dtype=dtype)
-    if not isinstance(resolved, TrainedMethod):
-        report(f"the method {resolved.name} learns nothing: there is no training")
-        return Model(character, motion, resolved, np.zeros(0), field)
+        field = resolved.field_around(character, rest).to(device=torch_device(device), dtype=dtype)
     scene = Scene.of(character, motion, like(field), seed=resolved.seed, progress=progress)
     objective = resolved.objective(field, scene)
     assert resolved.steps is not None
@@ -132,7 +145,7 @@ def fit(
         steps = _steps_within(60 * minutes, field, objective, resolved.learning_rate)
         report(f"{steps} steps will take about {minutes:g} min")
 
-    def save(state: TrainingState) -> None:
+    def save(state: "TrainingState") -> None:
         if checkpoint is not None:
             _save_checkpoint(Path(checkpoint), fingerprint, steps, state)
 
@@ -146,7 +159,8 @@ def fit(
         save_every=objective.memory,
         progress=progress,
     )
-    return Model(character, motion, replace(resolved, steps=steps), history, field)
+    model = Model(character, motion, replace(resolved, steps=steps), history, parameters_of(field), rest)
+    return model.to(device=torch_device(device), dtype=None if dtype == torch.float32 else dtype)
 
 
 def remove_checkpoint(path: str | Path) -> None:
@@ -158,11 +172,13 @@ def remove_checkpoint(path: str | Path) -> None:
 @dataclass(frozen=True)
 class _Checkpoint:
     steps: int  # of the whole training
-    training: TrainingState
+    training: "TrainingState"
 
 
-def _steps_within(seconds: float, field: Field, objective: Objective, learning_rate: float) -> int:
+def _steps_within(seconds: float, field: "Field", objective: "Objective", learning_rate: float) -> int:
     """How many steps fit into a time, by a trial that leaves the field as it was."""
+    from nilbs.fields.training import train
+
     initial = {name: tensor.clone() for name, tensor in field.state_dict().items()}
     start = perf_counter()
     count = 1
@@ -185,7 +201,7 @@ def _steps_within(seconds: float, field: Field, objective: Objective, learning_r
     return max(1, int(steps))
 
 
-def _fingerprint(character: Character, motion: Motion, method: Method, dtype: torch.dtype) -> str:
+def _fingerprint(character: Character, motion: Motion, method: Method, dtype: "torch.dtype") -> str:
     """What a checkpoint belongs to: everything that the training depends on."""
     digest = hashlib.sha256(json.dumps([method.name, values_of(method), str(dtype)], sort_keys=True).encode())
     for array in (*character.arrays().values(), motion.B):
@@ -194,7 +210,7 @@ def _fingerprint(character: Character, motion: Motion, method: Method, dtype: to
     return digest.hexdigest()
 
 
-def _save_checkpoint(path: Path, fingerprint: str, steps: int, state: TrainingState) -> None:
+def _save_checkpoint(path: Path, fingerprint: str, steps: int, state: "TrainingState") -> None:
     from nilbs.io.archive import write_archive
 
     settings = {"step": state.step, "steps": steps, "fingerprint": fingerprint}
@@ -202,6 +218,7 @@ def _save_checkpoint(path: Path, fingerprint: str, steps: int, state: TrainingSt
 
 
 def _load_checkpoint(path: Path, fingerprint: str, report: Report) -> _Checkpoint | None:
+    from nilbs.fields.training import TrainingState
     from nilbs.io.archive import read_archive
     from nilbs.io.errors import FileFormatError
 

@@ -1,43 +1,48 @@
 """A trained model: one object that is queried at any point in any pose, and is kept in one file."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import torch
 
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
-from nilbs.engine.answer import Answer
-from nilbs.fields.field import Field, like
-from nilbs.engine.unit_frame import UnitFrame, rest_center, root_bone
+from nilbs.engine.answer import Answer, Engine
+from nilbs.engine.rest_state import RestState
+from nilbs.engine.skinning import SparseSkinning
+from nilbs.engine.surface_tree import ClosestPoints, SurfaceTree
+from nilbs.engine.unit_frame import root_bone
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.surface import Surface
 from nilbs.methods.base import Method
 from nilbs.methods.registry import values_of
 from nilbs.models.model_file import ModelParts, read_model_file, write_model_file
-from nilbs.models.posed_model import PosedModel, check_pose_shape
+from nilbs.models.posed_model import PosedModel
 from nilbs.models.protocol import RESOLUTION
 
 if TYPE_CHECKING:
-    from typing import Self
+    import torch
+    from torch import Tensor
+
+    from nilbs.fields.field import Field
 
 
 @dataclass
 class Model:
-    """A trained field with the character and the motion that it was trained on.
+    """A trained method of a character, with the motion that it was trained on.
 
     All queries take
 
-    - x: (n, d) float array of posed points in mesh units, any number; they are evaluated in chunks of bounded memory;
+    - x: (n, d) float array of posed points in mesh units, any number;
     - pose: (b, d+1, d+1) float array of bone transforms, rest to posed;
     - mapping: the way to the canonical points, one of `method.mappings`; by default the method's own.
 
     They raise ValueError if x or pose has another shape or a number that is not finite, a bone's transform is singular
-    or very far from the root, the method has no such mapping, or it has not what is queried.
+    or very far from the root, the method has no such mapping, or it has not what is queried. What the compiled engine
+    or arrays answer needs no torch: the default search, and the baselines that learn nothing.
 
     Attributes
     ----------
@@ -48,15 +53,47 @@ class Model:
         With its settings.
     history : (steps,) float array
         Loss at each training step.
-    field : Field
-        What was trained, in torch, in the frame of `nilbs.engine.unit_frame`.
+    parameters : mapping of str to array
+        What was trained, by the names in the field's state.
+    rest : RestState
+        Grids of the rest pose.
     """
 
     character: Character
     motion: Motion
     method: Method
     history: np.ndarray
-    field: Field
+    parameters: Mapping[str, np.ndarray] = field(default_factory=dict)
+    rest: RestState = field(default_factory=RestState)
+
+    def __post_init__(self) -> None:
+        self._place: dict[str, Any] = {}  # of the field, where `to` moved it
+        self._engines: dict[str | None, Engine | None] = {}
+
+    @cached_property
+    def field(self) -> "Field":
+        """What was trained, in torch, in the frame of `nilbs.engine.unit_frame`."""
+        from nilbs.models.torch_field import field_of
+
+        return field_of(self.character, self.method, self.parameters, self.rest).to(**self._place)
+
+    def engine(self, mapping: str | None = None) -> Engine | None:
+        """What answers by a mapping without torch; None where the field does, or was moved to a device."""
+        if self._place:
+            return None
+        if mapping not in self._engines:
+            self._engines[mapping] = self.method.engine(self.character, self.rest, mapping)
+        return self._engines[mapping]
+
+    @cached_property
+    def skinning(self) -> SparseSkinning:
+        """The mesh, posed by linear blend skinning (eq. 1)."""
+        return SparseSkinning(self.character.V, self.character.W)
+
+    @cached_property
+    def surface_tree(self) -> SurfaceTree:
+        """The tree of the mesh's facets for closest points."""
+        return SurfaceTree(self.character.V, self.character.F)
 
     @property
     def config(self) -> dict[str, Any]:
@@ -78,7 +115,7 @@ class Model:
 
         Without the ghost bone (`ghost` False) the mappings "inverse" and "reverse" are eq. 7, with it eq. 8.
         """
-        return PosedModel(self.character, self.method, self.field, pose, mapping=mapping, ghost=ghost)
+        return PosedModel(self, pose, mapping=mapping, ghost=ghost)
 
     def occupancy(
         self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True
@@ -89,19 +126,25 @@ class Model:
     def distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
         """Signed distance (n,) of the *rest* shape at the canonical points, in mesh units, negative inside.
 
-        Where skinning stretches, it differs from the distance in the pose by the stretch. The sign always agrees with
-        `occupancy`: a point without a canonical point, or one that the ghost bone overrules, is outside.
+        Where skinning stretches, it differs from the distance in the pose by the stretch; where there is no canonical
+        point, by the default mapping, it is the distance to the posed skin. The sign always agrees with `occupancy`: a
+        point without a canonical point, or one that the ghost bone overrules, is outside.
         """
         return self.posed(pose, mapping=mapping).distance(x)
 
     def posed_distance(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
-        """Signed distance (n,) in the posed frame to first order, in mesh units, negative inside; of the method nilbs.
+        """Signed distance (n,) to the posed skin, in mesh units; its sign agrees with `occupancy`.
 
-        It is the distance at rest times the local stretch: the length of its gradient by the canonical point over that
-        by the posed point. Exact to first order at the surface, however it is stretched, and for any similarity. Where
-        there is no gradient (no canonical point, the middle of a limb) it is the distance at rest.
+        Its length is exact, see `closest_points`. Where the body overlaps itself, skin inside another part counts.
         """
         return self.posed(pose, mapping=mapping).posed_distance(x)
+
+    def closest_points(self, x: np.ndarray, pose: np.ndarray) -> ClosestPoints:
+        """Closest places on the posed skin: distances, facets, places and their barycentric coordinates.
+
+        They are those of the mesh posed by linear blend skinning, exact but for rounding, at any distance.
+        """
+        return self.posed(pose).closest_points(x)
 
     def values(
         self,
@@ -133,8 +176,7 @@ class Model:
     def rest_points(self, x: np.ndarray, pose: np.ndarray, *, mapping: str | None = None) -> np.ndarray:
         """Canonical points (n, d) in mesh units; where the body overlaps itself, one that lies inside.
 
-        Where there is none, it is the point where the first search started: by default that of the inverse map; by the
-        method snarf, nan.
+        Where there is none it is nan; by a mapping that starts from the network's answer, that answer.
         """
         return self.posed(pose, mapping=mapping).rest_points(x)
 
@@ -158,10 +200,10 @@ class Model:
             Vertices U (n, d), in mesh units, and facets F (m, d), triangles or edges, oriented outward:
             `U, F = model.extract(pose)`, or `model.extract(pose).to_trimesh()`.
         """
-        U = linear_blend_skinning(self.character.V, self.character.W, pose)
-        return self.posed(pose).extract_on(Grid.cube(U, resolution))
+        posed = self.posed(pose)
+        return posed.extract_on(Grid.cube(posed.U, resolution))
 
-    def answer(self, x: torch.Tensor, pose: torch.Tensor, *, mapping: str | None = None) -> Answer:
+    def answer(self, x: "Tensor", pose: "Tensor", *, mapping: str | None = None) -> "Answer[Tensor]":
         """Level, distance and canonical points as tensors, differentiable by the points and by the pose.
 
         Parameters
@@ -179,25 +221,16 @@ class Model:
             In mesh units. Derivatives are of first order; those of a root follow from the implicit function theorem.
             The methods nearest, rigid-parts and mesh-lbs have none.
         """
-        d = self.character.d
-        for name, tensor in (("x", x), ("pose", pose)):
-            kinds = "torch.float32 or torch.float64"
-            if not isinstance(tensor, torch.Tensor) or tensor.dtype not in (torch.float32, torch.float64):
-                raise ValueError(f"{name} must be a tensor of {kinds}, got {getattr(tensor, 'dtype', None)}")
-            if not bool(torch.isfinite(tensor).all()):
-                raise ValueError(f"{name} has numbers that are not finite")
-        if x.ndim != 2 or x.shape[1] != d:
-            raise ValueError(f"x must be (n, {d}), got {tuple(x.shape)}")
-        check_pose_shape(self.character, pose.shape)
-        self.method.check_mapping(mapping)
-        frame, as_field = UnitFrame(self.character, pose), like(self.field)
-        posed = self.method.posed(self.field, frame.B.to(as_field), mapping)
-        center = torch.as_tensor(rest_center(self.character)).to(as_field)
-        return posed(frame.points(x.to(pose)).to(as_field)).in_mesh_units(self.character.L, center)
+        from nilbs.models.torch_field import differentiable_answer
 
-    def to(self, *, device: str | None = None, dtype: torch.dtype | None = None) -> "Self":
-        """Move the field to a device or a precision, in place."""
-        self.field.to(device=device, dtype=dtype)
+        return differentiable_answer(self, x, pose, mapping)
+
+    def to(self, *, device: str | None = None, dtype: "torch.dtype | None" = None) -> Self:
+        """Move the field to a device or a precision, in place: from then on it answers, instead of the engine."""
+        place = {"device": None if device in (None, "cpu") else device, "dtype": dtype}
+        self._place |= {name: value for name, value in place.items() if value is not None}
+        if "field" in self.__dict__:
+            self.field.to(device=device, dtype=dtype)
         return self
 
     def save(self, path: str | Path) -> None:
@@ -208,7 +241,8 @@ class Model:
         OSError
             If the file cannot be written; what was there before is kept.
         """
-        write_model_file(path, ModelParts(self.character, self.motion, self.method, self.history, self.field))
+        parts = ModelParts(self.character, self.motion, self.method, self.history, self.parameters, self.rest)
+        write_model_file(path, parts)
 
 
 def load_model(path: str | Path, *, device: str = "cpu") -> Model:
@@ -247,21 +281,9 @@ def load_model(path: str | Path, *, device: str = "cpu") -> Model:
     >>> load_model(path).method.name
     'nearest'
     """
-    return Model(*read_model_file(path)).to(device=torch_device(device))
+    model = Model(*read_model_file(path))
+    if device == "cpu":
+        return model
+    from nilbs.models.torch_field import torch_device
 
-
-def torch_device(name: str) -> str:
-    """Check the name of a device; "auto" takes a GPU if torch finds one.
-
-    Raises
-    ------
-    ValueError
-        If torch has no such device.
-    """
-    if name == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    try:
-        torch.zeros(1, device=name).cpu()  # "meta", for one, holds nothing
-    except (RuntimeError, AssertionError, NotImplementedError) as error:
-        raise ValueError(f"torch cannot use the device {name!r}: {str(error).splitlines()[0]}") from None
-    return name
+    return model.to(device=torch_device(device))

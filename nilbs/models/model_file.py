@@ -1,19 +1,19 @@
 """Models as files: one self-contained archive each, without pickle."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
-from nilbs.fields.field import Field
+from nilbs.engine.rest_state import RestState, from_version_6
 from nilbs.geometry.validation import arrays
 from nilbs.methods.base import Method
 from nilbs.methods.registry import method_class, of_version_5, values_of
 
-KIND, KIND_5 = "nilbs model 6", "nilbs model 5"
+KIND, KIND_6, KIND_5 = "nilbs model 7", "nilbs model 6", "nilbs model 5"
 
 
 class ModelParts(NamedTuple):
@@ -23,15 +23,16 @@ class ModelParts(NamedTuple):
     motion: Motion
     method: Method
     history: np.ndarray
-    field: Field
+    parameters: Mapping[str, np.ndarray]
+    rest: RestState
 
 
 def write_model_file(path: str | Path, parts: ModelParts) -> None:
     """Write a model; the file appears whole or not at all."""
     from nilbs.io.archive import write_archive
 
-    c, motion, method, history, field = parts
-    contents = {f"field.{name}": tensor.cpu().numpy() for name, tensor in field.state_dict().items()}
+    c, motion, method, history, parameters, rest = parts
+    contents = {f"field.{name}": array for name, array in {**parameters, **rest.arrays}.items()}
     contents |= {f"character.{name}": array for name, array in c.arrays().items()}
     contents |= {f"motion.{name}": getattr(motion, name) for name in ("B", "frames", "times")}
     contents["history"] = history
@@ -42,7 +43,7 @@ def write_model_file(path: str | Path, parts: ModelParts) -> None:
         "clips": motion.clips,
         "method": method.name,
         "settings": values_of(method),
-        **method.header(field),
+        **rest.header,
     }
     write_archive(path, contents, text, kind=KIND)
 
@@ -52,7 +53,7 @@ def read_model_file(path: str | Path) -> ModelParts:
     from nilbs.io.archive import read_archive
     from nilbs.io.errors import FileFormatError
 
-    contents, text = read_archive(path, kind=KIND, older=[KIND_5])
+    contents, text = read_archive(path, kind=KIND, older=[KIND_6, KIND_5])
     try:
         part = {name.removeprefix("character."): a for name, a in contents.items() if name.startswith("character.")}
         character = Character.of_arrays(part, name=str(text["name"]), bones=list(map(str, text["bones"])))
@@ -60,6 +61,8 @@ def read_model_file(path: str | Path) -> ModelParts:
         clips = tuple((str(name), int(start)) for name, start in text.get("clips", ()))
         motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton, clips)
         settings = text["settings"]
+        if settings.get("mapping") == "parts":  # before the default was the same
+            settings["mapping"] = "search"
         if "method" not in text:
             method = of_version_5(settings)
         else:
@@ -70,12 +73,13 @@ def read_model_file(path: str | Path) -> ModelParts:
         for name, array in state.items():
             if array.dtype.kind == "f" and not np.isfinite(array).all():
                 raise ValueError(f"field.{name} has numbers that are not finite")
-        field = method.restored(character, state, text)
-        precision = next((a.dtype for a in state.values() if a.dtype.kind == "f"), np.dtype(np.float32))
-        field = field.to(torch.float64 if precision == np.float64 else torch.float32)
-        field.load_state_dict({name: torch.from_numpy(a) for name, a in state.items()})
+        if any(name.startswith("inverse.cache.") for name in state):
+            state, text = from_version_6(state, text, character)
+        rest = RestState.of_state(state, text)
+        parameters = {name: array for name, array in state.items() if name not in rest.arrays}
+        method.check_state(character, parameters, rest)
         arrays(history=(contents["history"], "s"))
-        return ModelParts(character, motion, method, contents["history"], field)
-    except (KeyError, TypeError, ValueError, OverflowError, RuntimeError) as error:
-        reason = " ".join(str(error).split())  # torch explains itself over several lines
+        return ModelParts(character, motion, method, contents["history"], parameters, rest)
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
+        reason = " ".join(str(error).split())
         raise FileFormatError(path, f"is not a complete nilbs model: {reason}") from None

@@ -1,38 +1,31 @@
 """A model in one pose, queried in mesh units any number of times."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from nilbs.characters.character import Character
-from nilbs.engine.answer import Answer
-from nilbs.fields.field import Field, PosedField, like
-from nilbs.fields.search import SearchField
+from nilbs.engine.answer import Answer, PosedEngine
+from nilbs.engine.surface_tree import ClosestPoints, PosedSurface
 from nilbs.engine.unit_frame import FAR, UnitFrame, at_rest, rest_center
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.surface import Surface
 from nilbs.geometry.validation import arrays
-from nilbs.methods.base import Method
 
-# Points that go through a field at once; bounds the memory of a query of any size.
-CHUNK = 16_384
-# A distance that changes by less than this share of the way has no reliable slope.
-LEAST_SLOPE = 0.01
+if TYPE_CHECKING:
+    from nilbs.models.model import Model
+    from nilbs.models.torch_field import TorchEngine
 
 
 class PosedModel:
-    """A field in one pose; its methods are described at those of `Model`.
+    """A model in one pose; its methods are described at those of `Model`.
 
     Parameters
     ----------
-    character : Character
-    method : Method
-    field : Field
-        Of that method.
+    model : Model
     pose : (b, d+1, d+1) float array
         Bone transforms, rest to posed.
     mapping : str, optional
@@ -46,60 +39,45 @@ class PosedModel:
         If the pose has another shape, a bone's transform is singular or very far, or the method has no such mapping.
     """
 
-    def __init__(
-        self,
-        character: Character,
-        method: Method,
-        field: Field,
-        pose: np.ndarray,
-        *,
-        mapping: str | None = None,
-        ghost: bool = True,
-    ) -> None:
-        method.check_mapping(mapping)
+    def __init__(self, model: "Model", pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True) -> None:
+        model.method.check_mapping(mapping)
         (pose,) = arrays(pose=(pose, "b d+1 d+1"))
-        check_pose_shape(character, pose.shape)
-        self.character, self.method, self.field, self.mapping, self.ghost = character, method, field, mapping, ghost
-        self.frame = UnitFrame(character, torch.from_numpy(np.array(pose)))
-        self._B = self.frame.B.to(like(field))
+        check_pose_shape(model.character, pose.shape)
+        self.model, self.character, self.pose = model, model.character, np.array(pose)
+        self.mapping, self.ghost = mapping, ghost
+        self.frame = UnitFrame(model.character, self.pose)
+        self._engine = model.engine(mapping)
+        self._source: Any = self._engine or model.field
 
     def occupancy(self, x: np.ndarray) -> np.ndarray:
         """Occupancy (n,) of posed points (n, d)."""
-        return _joined([answer.occupancy for answer in self._answers(x)])
+        return self._answer(x).occupancy
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Signed distance (n,) at the canonical points of posed points (n, d)."""
-        if not self.field.has_distance:
-            raise ValueError(f"the method {self.method.name} has no distance, only occupancy")
-        return _joined([answer.distance for answer in self._answers(x)]) * self.character.L
+        return self._completed(x, self._answer(x).distance)
+
+    def posed_distance(self, x: np.ndarray) -> np.ndarray:
+        """Signed distance (n,) to the posed skin."""
+        inside = self._answer(x).level < 0
+        length = self.closest_points(x).distance
+        return np.where(inside, -length, length)
+
+    def closest_points(self, x: np.ndarray) -> ClosestPoints:
+        """Closest places on the posed skin."""
+        return self.surface.closest(self._points(x))
 
     def rest_points(self, x: np.ndarray) -> np.ndarray:
         """Canonical points (n, d) of posed points (n, d)."""
         self._check_canonical_points()
-        return self._at_rest([answer.x_rest for answer in self._answers(x)])
-
-    def posed_distance(self, x: np.ndarray) -> np.ndarray:
-        """Signed distance (n,) in the posed frame, to first order."""
-        cache, found = self._searching.inverse.cache, []
-        out = self.frame.turn_back.to(self._B)  # of the unit frame, which the root bone may stretch as well
-        posed = self.method.posed(self.field, self._B, self.mapping, ghost=self.ghost)
-        for chunk in self._chunks(x):
-            part = chunk.clone().requires_grad_()
-            answer = posed(part)
-            (slope,) = torch.autograd.grad(answer.distance.sum(), part)
-            x_rest = answer.x_rest.detach().requires_grad_()
-            (slope_rest,) = torch.autograd.grad(cache.distance(x_rest).sum(), x_rest)
-            length, length_rest = (vector.norm(dim=-1) for vector in (slope @ out, slope_rest))
-            reliable = (length > 0) & (length_rest > LEAST_SLOPE)
-            found.append((answer.distance * torch.where(reliable, length_rest / length, 1.0)).detach())
-        return _joined(found) * self.character.L
+        return self._at_rest(self._answer(x))
 
     def values(self, rest_field: Callable[[np.ndarray], np.ndarray], x: np.ndarray, *, outside: float) -> np.ndarray:
         """Values (n, ...) of any field of the rest pose at the canonical points of posed points (n, d)."""
         self._check_canonical_points()
-        answers = list(self._answers(x))
-        inside = _joined([answer.level for answer in answers]) < 0
-        x_rest = self._at_rest([answer.x_rest for answer in answers])[inside].astype(np.float64)
+        answer = self._answer(x)
+        inside = answer.level < 0
+        x_rest = self._at_rest(answer)[inside].astype(np.float64)
         found = np.asarray(rest_field(x_rest), dtype=np.float64)
         if found.shape[:1] != (len(x_rest),):
             raise ValueError(f"the rest field must have values at {len(x_rest)} points, got an array {found.shape}")
@@ -109,29 +87,30 @@ class PosedModel:
 
     def weights(self, x: np.ndarray) -> np.ndarray:
         """Weights (n, b+1) that the network predicts for posed points (n, d); the ghost bone's last."""
-        inverse = self._searching.inverse
-        with torch.inference_mode():
-            return _joined([inverse.weights(chunk[None], self._B[None])[0] for chunk in self._chunks(x)])
+        from nilbs.models.torch_field import predicted_weights
+
+        return predicted_weights(self.model, self.frame.B, self.frame.points(self._points(x)))
 
     def posed_points(self, x_rest: np.ndarray) -> np.ndarray:
         """Images (n, d) of rest points (n, d) under forward skinning."""
-        skinning, c = self._searching.skinning, self.character
-        (x_rest,) = arrays(x_rest=(x_rest, f"n {c.d}"))
-        unit = torch.as_tensor(at_rest(c, x_rest)).to(self._B)
-        with torch.inference_mode():
-            blends = skinning.blends(self._B)
-            posed = torch.cat([skinning.pose(chunk, blends).x for chunk in unit.split(CHUNK)])
-            return self.frame.points_back(posed.cpu().double()).numpy()
+        (x_rest,) = arrays(x_rest=(x_rest, f"n {self.character.d}"))
+        unit = at_rest(self.character, x_rest)
+        if self._engine is not None and hasattr(self._posed, "images"):
+            return self.frame.points_back(self._posed.images(unit).astype(np.float64))
+        from nilbs.models.torch_field import images
+
+        return self.frame.points_back(images(self.model, self.frame.B, unit))
 
     def extract_on(self, grid: Grid, *, stride: int = 4) -> Surface:
         """Surface on a grid; with `stride` 1 the field is evaluated at every node."""
 
         def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-            answers = list(self._answers(x))
-            level = _joined([answer.level for answer in answers]) * self.character.L
-            if not self.field.has_distance:
-                return level, None
-            return level, _joined([answer.distance for answer in answers]) * self.character.L
+            answer = self._answer(x)
+            if not self._source.has_distance:
+                return answer.level * self.character.L, None
+            distance = self._completed(x, answer.distance)
+            level = np.where(np.isfinite(answer.level), answer.level * self.character.L, distance)
+            return level, distance
 
         return field_surface(levels, grid, stride=stride)
 
@@ -139,44 +118,58 @@ class PosedModel:
     def lookups(self) -> float | None:
         """Evaluations of the weights of rest points per query so far; None if the method does not count them."""
         queries = getattr(self._posed, "queries", 0)
-        return self._posed.evaluations / queries if queries else None  # type: ignore[attr-defined]
+        return self._posed.evaluations / queries if queries else None  # type: ignore[union-attr]
 
     @cached_property
-    def _posed(self) -> PosedField:
-        with torch.inference_mode():
-            return self.method.posed(self.field, self._B, self.mapping, ghost=self.ghost)
+    def U(self) -> np.ndarray:
+        """Posed vertices (n, d)."""
+        return self.model.skinning.posed(self.pose)
 
-    @property
-    def _searching(self) -> SearchField:
-        if not isinstance(self.field, SearchField):
-            raise ValueError(
-                f"the method {self.method.name} has no skinning weights of posed points; nilbs and paper have"
-            )
-        return self.field
+    @cached_property
+    def surface(self) -> PosedSurface:
+        """The posed mesh, for closest points."""
+        return self.model.surface_tree.posed(self.U)
+
+    @cached_property
+    def _posed(self) -> "PosedEngine | TorchEngine":
+        if self._engine is not None:
+            return self._engine(self.frame.B)
+        from nilbs.models.torch_field import TorchEngine
+
+        return TorchEngine(self.model.method, self.model.field, self.frame.B, self.mapping, ghost=self.ghost)
+
+    def _points(self, x: np.ndarray) -> np.ndarray:
+        """Checked points (n, d)."""
+        (x,) = arrays(x=(x, f"n {self.character.d}"))
+        return x
+
+    def _answer(self, x: np.ndarray) -> Answer[np.ndarray]:
+        """The answer in the unit frame; inf is the level of a point without a canonical point that no one asked for."""
+        x = self._points(x)
+        to_unit = self.frame.to_unit
+        d = self.character.d
+        far = ~(np.abs(x @ to_unit[:, :d].T + to_unit[:, d]) < FAR).all(axis=-1)
+        if far.any():
+            i = int(np.flatnonzero(far)[0])
+            raise ValueError(f"x[{i}] = {x[i].tolist()} is {FAR:g} times the character's size away, or more")
+        return self._posed(x, to_unit)
+
+    def _completed(self, x: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Distances in mesh units; to the posed skin where there is no canonical point."""
+        if not self._source.has_distance:
+            raise ValueError(f"the method {self.model.method.name} has no distance, only occupancy")
+        distance = distance * self.character.L
+        missing = np.flatnonzero(np.isposinf(distance))
+        if len(missing):
+            distance[missing] = self.closest_points(self._points(x)[missing]).distance
+        return distance
 
     def _check_canonical_points(self) -> None:
-        if not self.field.has_canonical_points:
-            raise ValueError(f"the method {self.method.name} has no canonical points of posed points")
+        if not self._source.has_canonical_points:
+            raise ValueError(f"the method {self.model.method.name} has no canonical points of posed points")
 
-    def _at_rest(self, chunks: list[Tensor]) -> np.ndarray:
-        return _joined(chunks) * self.character.L + rest_center(self.character)
-
-    def _answers(self, x: np.ndarray) -> Iterator[Answer]:
-        for chunk in self._chunks(x):
-            # Not around the yield: the reader of the answer must not be in this mode.
-            with torch.inference_mode():
-                answer = self._posed(chunk)
-            yield answer
-
-    def _chunks(self, x: np.ndarray) -> Iterator[Tensor]:
-        """Points in the unit frame, piece by piece."""
-        (x,) = arrays(x=(x, f"n {self.character.d}"))
-        x_unit = self.frame.points(torch.from_numpy(np.array(x)))
-        far = torch.nonzero(~(x_unit.abs() < FAR).all(dim=-1))
-        if len(far):
-            i = int(far[0])
-            raise ValueError(f"x[{i}] = {x[i].tolist()} is {FAR:g} times the character's size away, or more")
-        yield from x_unit.to(like(self.field)).split(CHUNK)
+    def _at_rest(self, answer: Answer[np.ndarray]) -> np.ndarray:
+        return answer.x_rest * self.character.L + rest_center(self.character)
 
 
 def check_pose_shape(character: Character, shape: tuple[int, ...]) -> None:
@@ -184,7 +177,3 @@ def check_pose_shape(character: Character, shape: tuple[int, ...]) -> None:
     expected = (len(character.skeleton.BE), character.d + 1, character.d + 1)
     if tuple(shape) != expected:
         raise ValueError(f"pose must be (b, d+1, d+1) = {expected}, got {tuple(shape)}")
-
-
-def _joined(chunks: list[Tensor]) -> np.ndarray:
-    return torch.cat(chunks).cpu().numpy()

@@ -85,12 +85,14 @@ def run(args: argparse.Namespace) -> None:
     start = perf_counter()
     bundle = load_bundle(args.files, weights=args.weights, group=args.group, solve=args.solve, report=print_note)
     given = training_motion(args, bundle)
-    # Torch takes seconds to import: files that do not fit are reported before.
+    # These take a while to import: files that do not fit are reported before.
     from nilbs.app.memory import peak_memory_mib
     from nilbs.models.fitting import fit, remove_checkpoint
-    from nilbs.models.model import torch_device
 
-    device = torch_device(args.device)
+    if args.device not in ("auto", "cpu"):
+        from nilbs.models.torch_field import torch_device
+
+        torch_device(args.device)
     character = character_of(bundle, progress=True, report=print_note)
     motion = _random_motion(args, character) if given is None else given.spread(args.frames)
     try:
@@ -98,7 +100,7 @@ def run(args: argparse.Namespace) -> None:
             character,
             motion,
             method,
-            device=device,
+            device=args.device,
             minutes=args.minutes,
             checkpoint=checkpoint,
             resume=args.resume,

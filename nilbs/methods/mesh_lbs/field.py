@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nilbs.fields.array_field import ArrayAnswers
+from nilbs.engine.array_engine import ArrayAnswers
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid

@@ -3,15 +3,19 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from nilbs.methods.base import Method
+from nilbs.methods.array_method import ArrayMethod
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
     from nilbs.characters.character import Character
-    from nilbs.fields.array_field import ArrayField
+    from nilbs.engine.array_engine import ArrayAnswers
 
 
 @dataclass(frozen=True)
-class RigidParts(Method):
+class RigidParts(ArrayMethod):
     """The union of rigid parts; nothing is learned, and nothing bends.
 
     A part is the piece of the rest shape where its bone's weight is largest. Every bone's inverse transform gives a
@@ -21,11 +25,10 @@ class RigidParts(Method):
     name: ClassVar[str] = "rigid-parts"
     summary: ClassVar[str] = "every bone's rigid inverse, where that bone owns the place"
 
-    def field(self, character: "Character") -> "ArrayField":
-        """The field of a character."""
-        from nilbs.fields.array_field import ArrayField
+    def in_pose(self, character: "Character") -> "Callable[[np.ndarray], ArrayAnswers]":
+        """The method of a character."""
         from nilbs.engine.unit_frame import at_rest
         from nilbs.methods.rigid_parts.field import RigidPieces
 
         c = character
-        return ArrayField(RigidPieces(at_rest(c, c.V), c.F, c.W, at_rest(c, c.V_volume), c.W_volume))
+        return RigidPieces(at_rest(c, c.V), c.F, c.W, at_rest(c, c.V_volume), c.W_volume)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from nilbs.fields.array_field import ArrayAnswers
+from nilbs.engine.array_engine import ArrayAnswers
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
 

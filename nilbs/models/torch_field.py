@@ -1,0 +1,157 @@
+"""The field of a model in torch: where there is no engine, and where derivatives are asked for."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from nilbs.characters.character import Character
+from nilbs.engine.answer import Answer
+from nilbs.engine.rest_state import RestState
+from nilbs.engine.unit_frame import UnitFrame, rest_center
+from nilbs.fields.field import Field, like
+from nilbs.fields.search import SearchField
+from nilbs.methods.base import Method
+from nilbs.models.posed_model import check_pose_shape
+
+if TYPE_CHECKING:
+    from nilbs.models.model import Model
+
+# Points that go through a field at once; bounds the memory of a query of any size.
+CHUNK = 16_384
+
+
+def field_of(character: Character, method: Method, parameters: Mapping[str, np.ndarray], rest: RestState) -> Field:
+    """The field around the grids of a character, with these parameters.
+
+    Raises
+    ------
+    ValueError
+        If the parameters are not those of a field of this method.
+    """
+    field = method.field_around(character, rest)
+    precision = next((a.dtype for a in parameters.values() if a.dtype.kind == "f"), np.dtype(np.float32))
+    field = field.to(torch.float64 if precision == np.float64 else torch.float32)
+    if parameters or not rest.arrays:  # trained, or nothing to train
+        try:
+            field.load_state_dict({name: torch.from_numpy(a) for name, a in parameters.items()})
+        except RuntimeError as error:
+            reason = " ".join(str(error).split())  # torch explains itself over several lines
+            raise ValueError(f"the model is not complete: {reason}") from None
+    return field
+
+
+def parameters_of(field: Field) -> dict[str, np.ndarray]:
+    """What a field has learned, by name."""
+    return {name: tensor.cpu().numpy() for name, tensor in field.state_dict().items()}
+
+
+class TorchEngine:
+    """A field behind the interface of an engine, in one pose.
+
+    Attributes
+    ----------
+    posed : PosedField
+        The field in the pose.
+    """
+
+    def __init__(self, method: Method, field: Field, B: np.ndarray, mapping: str | None, *, ghost: bool) -> None:
+        self.like = like(field)
+        with torch.inference_mode():
+            self.posed = method.posed(
+                field, torch.from_numpy(np.ascontiguousarray(B)).to(self.like), mapping, ghost=ghost
+            )
+
+    def __call__(self, x: np.ndarray, to_unit: np.ndarray) -> Answer[np.ndarray]:
+        """Answers at points (n, d), which the transform (d, d+1) moves into the unit frame."""
+        d = x.shape[1]
+        x_unit = torch.from_numpy(x @ to_unit[:, :d].T + to_unit[:, d]).to(self.like)
+        with torch.inference_mode():
+            answers = [self.posed(chunk) for chunk in x_unit.split(CHUNK)]
+        level, distance, x_rest = (
+            torch.cat([answer[k] for answer in answers]).cpu().numpy()
+            for k in range(3)  # type: ignore[misc]
+        )
+        return Answer(level, distance, x_rest, answers[0].width)
+
+    @property
+    def queries(self) -> int:
+        """Points queried so far, if the method counts them, else 0."""
+        return getattr(self.posed, "queries", 0)
+
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of weights for them."""
+        return getattr(self.posed, "evaluations", 0)
+
+
+def predicted_weights(model: "Model", B: np.ndarray, x_unit: np.ndarray) -> np.ndarray:
+    """Weights (n, b+1) that the network predicts for points (n, d) in a pose, both of the unit frame."""
+    field = _searching(model)
+    if not model.parameters:
+        raise ValueError("training had 0 steps: there is no network")
+    pose, x = (torch.from_numpy(np.ascontiguousarray(array)).to(like(field)) for array in (B, x_unit))
+    with torch.inference_mode():
+        parts = [field.inverse.weights(chunk[None], pose[None])[0] for chunk in x.split(CHUNK)]
+    return torch.cat(parts).cpu().numpy()
+
+
+def images(model: "Model", B: np.ndarray, x_rest: np.ndarray) -> np.ndarray:
+    """Images (n, d) of rest points (n, d) under the forward map in a pose, all in the unit frame."""
+    skinning = _searching(model).skinning
+    pose, x = (torch.from_numpy(np.ascontiguousarray(array)).to(like(model.field)) for array in (B, x_rest))
+    with torch.inference_mode():
+        blends = skinning.blends(pose)
+        return torch.cat([skinning.pose(chunk, blends).x for chunk in x.split(CHUNK)]).cpu().double().numpy()
+
+
+def _searching(model: "Model") -> SearchField:
+    if not isinstance(model.field, SearchField):
+        raise ValueError(
+            f"the method {model.method.name} has no skinning weights of posed points; nilbs and paper have"
+        )
+    return model.field
+
+
+def differentiable_answer(model: "Model", x: Tensor, pose: Tensor, mapping: str | None) -> Answer[Tensor]:
+    """What `Model.answer` returns.
+
+    Raises
+    ------
+    ValueError
+        As for all queries.
+    """
+    c, d = model.character, model.character.d
+    for name, tensor in (("x", x), ("pose", pose)):
+        kinds = "torch.float32 or torch.float64"
+        if not isinstance(tensor, torch.Tensor) or tensor.dtype not in (torch.float32, torch.float64):
+            raise ValueError(f"{name} must be a tensor of {kinds}, got {getattr(tensor, 'dtype', None)}")
+        if not bool(torch.isfinite(tensor).all()):
+            raise ValueError(f"{name} has numbers that are not finite")
+    if x.ndim != 2 or x.shape[1] != d:
+        raise ValueError(f"x must be (n, {d}), got {tuple(x.shape)}")
+    check_pose_shape(c, tuple(pose.shape))
+    model.method.check_mapping(mapping)
+    frame, as_field = UnitFrame(c, pose), like(model.field)
+    posed = model.method.posed(model.field, frame.B.to(as_field), mapping)
+    center = torch.as_tensor(rest_center(c)).to(as_field)
+    return posed(frame.points(x.to(pose)).to(as_field)).in_mesh_units(c.L, center)
+
+
+def torch_device(name: str) -> str:
+    """Check the name of a device; "auto" takes a GPU if torch finds one.
+
+    Raises
+    ------
+    ValueError
+        If torch has no such device.
+    """
+    if name == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        torch.zeros(1, device=name).cpu()  # "meta", for one, holds nothing
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        raise ValueError(f"torch cannot use the device {name!r}: {str(error).splitlines()[0]}") from None
+    return name
