@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -62,11 +63,11 @@ class RestState:
         return SearchEngine.of(weights, distances, d=self.blocks.place.shape[1], width=width)
 
     def distance_values(self) -> np.ndarray:
-        """Distances (s,) at all nodes of the bricks, in single precision."""
-        values = self.arrays[f"{DISTANCE}.values"].astype(np.float32)
+        """Distances (s,) at all nodes of the bricks."""
+        values = self.arrays[f"{DISTANCE}.values"].astype(np.float64)
         brick, finer = (self.arrays[f"{DISTANCE}.{name}"] for name in ("brick", "finer"))
         begins = [0, *(division.first_value for division in divisions(brick, finer, self.header["parts"])), len(values)]
-        for begin, end, unit in zip(begins[:-1], begins[1:], self.arrays[f"{DISTANCE}.unit"], strict=False):
+        for begin, end, unit in zip(begins, begins[1:], self.arrays[f"{DISTANCE}.unit"], strict=False):
             values[begin:end] *= unit
         return values
 
@@ -115,7 +116,7 @@ def _state(
 ) -> RestState:
     begins = [0, *(division.first_value for division in divisions(brick, finer, parts)), len(values)]
     rounded, units = np.empty(len(values), dtype=np.int16), np.ones(1 + len(parts), dtype=np.float32)
-    for k, (begin, end) in enumerate(zip(begins[:-1], begins[1:], strict=True)):
+    for k, (begin, end) in enumerate(pairwise(begins)):
         units[k] = max(float(np.abs(values[begin:end]).max(initial=0)) / LARGEST, 1e-12)
         rounded[begin:end] = np.clip(np.round(values[begin:end] / units[k]), -LARGEST, LARGEST)
     found = {

@@ -67,8 +67,7 @@ class WeightBlocks(NamedTuple):
 
         Nodes outside all blocks have the row of the nearest node inside.
         """
-        k, d = self.place.shape
-        local = np.argwhere(np.ones((EDGE + 1,) * d, dtype=bool))
+        local = np.argwhere(np.ones((EDGE + 1,) * self.place.shape[1], dtype=bool))
         at = np.minimum(EDGE * self.place[:, None] + local, np.array(shape) - 1)
         node, one = np.unique(np.ravel_multi_index(tuple(np.moveaxis(at, -1, 0)), shape), return_index=True)
         block, within = one // len(local), one % len(local)

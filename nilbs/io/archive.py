@@ -13,13 +13,13 @@ from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
 from nilbs.io.strict_json import parse_json
 
-KINDS = {np.dtype(kind) for kind in ("float32", "float64", "int32", "int64", "bool")}
+KINDS = {np.dtype(kind) for kind in ("float32", "float64", "int16", "int32", "int64", "bool")}
 
 
 def write_archive(
     path: str | Path, arrays: Mapping[str, np.ndarray], settings: Mapping[str, Any], *, kind: str
 ) -> None:
-    """Write arrays (float32, float64, int32, int64, bool) and settings; the file appears whole or not at all.
+    """Write arrays (float32, float64, int16, int32, int64, bool) and settings; the file appears whole or not at all.
 
     `kind` names the content, for example "nilbs model 1"; `read_archive` expects the same.
 

@@ -5,7 +5,8 @@ import torch
 from nilbs.engine.unit_frame import rest_center
 from nilbs.geometry.rotations import transform_points
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
-from nilbs.models.model import load_model, torch_device
+from nilbs.models.model import load_model
+from nilbs.models.torch_field import torch_device
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 ANSWERS = ("occupancy", "distance", "weights")
