@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from nilbs.engine.compiled import compiled
+from nilbs.engine.compiled import inlined
 from nilbs.engine.weights import origin_in_space
 
 ZERO = np.float32(0)
@@ -90,7 +90,7 @@ def divisions(
     return found
 
 
-@compiled
+@inlined
 def rest_distance(p0, p1, p2, distances):  # type: ignore[no-untyped-def]
     """Signed distance at a rest point, as `nilbs.fields.cache.RestCache` has it."""
     t = distances

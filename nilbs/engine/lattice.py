@@ -22,6 +22,8 @@ BENT = 0.3
 STRETCH, MARGIN = 1.5, 0.1
 # Of the cube around the image of a cell: a smaller volume is flat.
 FLAT = 1e-6
+# In edges of a grid's cells: a wider box is kept in a coarser grid.
+WIDE = 3.0
 # The most cells of the finest grid around the posed body along an edge, and how many times it is coarsened.
 FINEST, LEVELS = 128, 8
 
@@ -85,6 +87,7 @@ class Starts(NamedTuple):
     base: np.ndarray  # (l + 1,) where the cells of each grid begin in `first`
     first: np.ndarray  # where the members of a grid's cell begin
     member: np.ndarray  # cells of the lattice
+    reached: np.ndarray  # whether a cell of the finest grid, or one of a coarser grid around it, has members
 
     @classmethod
     def of(cls, lattice: Lattice, B: np.ndarray) -> Self:
@@ -99,7 +102,8 @@ class Starts(NamedTuple):
         shape = (extent / edge[:, None]).astype(np.int64) + 1
         base = np.concatenate([[0], np.cumsum(shape.prod(axis=1))])
         first, level = np.zeros(base[-1] + 2, dtype=np.int32), np.empty(count, dtype=np.int32)
-        starts = cls(box, image, origin, edge, shape, base, first, np.empty(0, dtype=np.int32))
+        reached = np.zeros(base[1], dtype=np.bool_)
+        starts = cls(box, image, origin, edge, shape, base, first, np.empty(0, dtype=np.int32), reached)
         member = np.empty(_count(starts, level, first), dtype=np.int32)
         _fill(starts, level, first, member)
         return starts._replace(member=member)
@@ -203,15 +207,20 @@ def _images(lattice, B, x, box, image, origin, extent):  # type: ignore[no-untyp
             e[r, 0], e[r, 1], e[r, 2] = along0 / np.float32(4), along1 / np.float32(4), along2 / np.float32(4)
             box[c, r], box[c, 3 + r] = low, high
             widest = max(widest, high - low)
+        _invert(lattice, x, c, e, widest, image)
         for r in range(3):
+            # The box of the corners, grown, and where it is smaller the box of the parallelepiped that the image fills.
             grow = np.float32(MARGIN) * (box[c, 3 + r] - box[c, r]) + np.float32(MARGIN / 2) * widest
             box[c, r] -= grow
             box[c, 3 + r] += grow
+            if image[c, 12] > 0:
+                far = abs(e[r, 0]) * image[c, 12] + abs(e[r, 1]) * image[c, 13] + abs(e[r, 2]) * image[c, 14]
+                box[c, r] = max(box[c, r], image[c, r] - far)
+                box[c, 3 + r] = min(box[c, 3 + r], image[c, r] + far)
             if c == 0 or box[c, r] < origin[r]:
                 origin[r] = box[c, r]
             if c == 0 or box[c, 3 + r] > extent[r]:
                 extent[r] = box[c, 3 + r]
-        _invert(lattice, x, c, e, widest, image)
     for r in range(3):
         extent[r] -= origin[r]
 
@@ -264,7 +273,7 @@ def _count(starts, level, first):  # type: ignore[no-untyped-def]
         b = starts.box[c]
         widest = max(b[3] - b[0], max(b[4] - b[1], b[5] - b[2]))
         level[c] = 0
-        while level[c] < starts.edge.shape[0] - 1 and np.float32(2) * starts.edge[level[c]] < widest:
+        while level[c] < starts.edge.shape[0] - 1 and np.float32(WIDE) * starts.edge[level[c]] < widest:
             level[c] += 1
         g = level[c]
         (i0, i1), (j0, j1), (k0, k1) = _range(starts, c, g, 0), _range(starts, c, g, 1), _range(starts, c, g, 2)
@@ -282,7 +291,7 @@ def _count(starts, level, first):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fill(starts, level, first, member):  # type: ignore[no-untyped-def]
-    """Write the members of all grid cells, and move every beginning back to its own place."""
+    """Write the members of all grid cells, move every beginning back to its own place, and mark what is reached."""
     for c in range(level.shape[0]):
         g = level[c]
         (i0, i1), (j0, j1), (k0, k1) = _range(starts, c, g, 0), _range(starts, c, g, 1), _range(starts, c, g, 2)
@@ -292,3 +301,13 @@ def _fill(starts, level, first, member):  # type: ignore[no-untyped-def]
                 for k in range(k0, k1 + 1):
                     member[first[at + k + 1]] = c
                     first[at + k + 1] += 1
+    for g in range(starts.edge.shape[0]):
+        if first[starts.base[g]] == first[starts.base[g + 1]]:
+            continue
+        for i in range(starts.shape[0, 0]):
+            for j in range(starts.shape[0, 1]):
+                at = (i * starts.shape[0, 1] + j) * starts.shape[0, 2]
+                above = starts.base[g] + ((i >> g) * starts.shape[g, 1] + (j >> g)) * starts.shape[g, 2]
+                for k in range(starts.shape[0, 2]):
+                    inside = above + (k >> g)
+                    starts.reached[at + k] |= first[inside + 1] > first[inside]

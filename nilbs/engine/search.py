@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from nilbs.engine.answer import Answer
-from nilbs.engine.compiled import compiled, in_pieces
+from nilbs.engine.compiled import compiled, in_pieces, inlined
 from nilbs.engine.distances import Distances, rest_distance
 from nilbs.engine.lattice import Lattice, Starts
 from nilbs.engine.weights import Weights, counted, forward, transforms
@@ -28,6 +28,8 @@ SMALLEST = 1e-4
 SAME, ASIDE = 0.4, 0.6
 # The most starts of a point: those whose cells it lies deepest in.
 MOST = 32
+# The most cells of the lattice that are looked at for a point.
+MEMBERS = 4096
 # Points that a thread takes at once.
 PIECE = 2048
 
@@ -96,7 +98,18 @@ class PosedSearch:
 
         def search(begin: int, end: int) -> None:
             looks[begin // PIECE] = _search(
-                place, order, begin, end, e.weights, e.distances, e.lattice, self._starts, self._B, distance, x_rest
+                place,
+                key,
+                order,
+                begin,
+                end,
+                e.weights,
+                e.distances,
+                e.lattice,
+                self._starts,
+                self._B,
+                distance,
+                x_rest,
             )
 
         in_pieces(search, count, piece=PIECE)
@@ -127,30 +140,23 @@ def _placed(x, move, starts, begin, end, place, key):  # type: ignore[no-untyped
     d = x.shape[1]
     for i in range(begin, end):
         place[i, 2] = np.float32(0)
-        key[i] = -1
         for r in range(d):
             v = move[r, d]
             for j in range(d):
                 v += move[r, j] * x[i, j]
             place[i, r] = np.float32(v)
-        for level in range(starts.edge.shape[0]):
-            at = _grid_cell(starts, level, place[i, 0], place[i, 1], place[i, 2])
-            if at < 0:
-                break
-            if starts.first[at + 1] > starts.first[at]:
-                key[i] = _grid_cell(starts, 0, place[i, 0], place[i, 1], place[i, 2])
-                break
+        at = _grid_cell(starts, 0, place[i, 0], place[i, 1], place[i, 2])
+        key[i] = at if at >= 0 and starts.reached[at] else -1
 
 
-@compiled
+@inlined
 def _grid_cell(starts, level, p0, p1, p2):  # type: ignore[no-untyped-def]
     """Number of the cell of a grid that a point lies in, or -1."""
     inverse = np.float32(1) / starts.edge[level]
     f0, f1, f2 = (p0 - starts.origin[0]) * inverse, (p1 - starts.origin[1]) * inverse, (p2 - starts.origin[2]) * inverse
     n0, n1, n2 = starts.shape[level, 0], starts.shape[level, 1], starts.shape[level, 2]
-    if not (f0 >= 0 and f1 >= 0 and f2 >= 0 and f0 < n0 and f1 < n1 and f2 < n2):
-        return -1
-    return starts.base[level] + (int(f0) * n1 + int(f1)) * n2 + int(f2)
+    inside = f0 >= 0 and f1 >= 0 and f2 >= 0 and f0 < n0 and f1 < n1 and f2 < n2
+    return starts.base[level] + (int(f0) * n1 + int(f1)) * n2 + int(f2) if inside else -1
 
 
 @compiled
@@ -170,16 +176,22 @@ def _sorted(key, cells, order):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _search(place, order, begin, end, weights, distances, lattice, starts, B, distance, x_rest):  # type: ignore[no-untyped-def]
+def _search(place, key, order, begin, end, weights, distances, lattice, starts, B, distance, x_rest):  # type: ignore[no-untyped-def]
     """Search the roots of points; write the smallest distance at one and where it is, and return the look-ups."""
     cell, depth = np.empty(MOST, dtype=np.int32), np.empty(MOST, dtype=np.float32)
     at = np.empty((MOST, 3), dtype=np.float32)
     roots = np.empty((MOST, 3), dtype=np.float32)
-    looks = 0
+    member, hit = np.empty(MEMBERS, dtype=np.int32), np.empty(MEMBERS, dtype=np.bool_)
+    low, high = np.empty((3, MEMBERS), dtype=np.float32), np.empty((3, MEMBERS), dtype=np.float32)
+    looks = members = 0
+    here = -1
     for which in range(begin, end):
         i = order[which]
         p0, p1, p2 = place[i, 0], place[i, 1], place[i, 2]
-        count = _candidates(p0, p1, p2, lattice, starts, cell, depth, at)
+        if key[i] != here:  # cells of coarser grids hold whole cells of the finest: what is there is the same
+            here = key[i]
+            members = _members(p0, p1, p2, starts, member, low, high)
+        count = _candidates(p0, p1, p2, lattice, starts, members, member, low, high, hit, cell, depth, at)
         found = 0
         best = np.float32(np.inf)
         for j in range(count):
@@ -201,48 +213,68 @@ def _search(place, order, begin, end, weights, distances, lattice, starts, B, di
     return looks
 
 
-@compiled
-def _candidates(p0, p1, p2, lattice, starts, cell, depth, at):  # type: ignore[no-untyped-def]
-    """Write the cells whose images hold a point, the deepest first, with a rest place in each; return their number."""
+@inlined
+def _members(p0, p1, p2, starts, member, low, high):  # type: ignore[no-untyped-def]
+    """Write the cells of the lattice that the grid has where a point lies, and their boxes; return their number."""
     count = 0
-    aside = np.float32(ASIDE)
     for level in range(starts.edge.shape[0]):
         g = _grid_cell(starts, level, p0, p1, p2)
-        if g < 0:
-            break
-        for s in range(starts.first[g], starts.first[g + 1]):
-            c = starts.member[s]
-            b = starts.box[c]
-            if p0 < b[0] or p1 < b[1] or p2 < b[2] or p0 > b[3] or p1 > b[4] or p2 > b[5]:
-                continue
-            m = starts.image[c]
-            d0, d1, d2 = p0 - m[0], p1 - m[1], p2 - m[2]
-            u0 = m[3] * d0 + m[4] * d1 + m[5] * d2
-            u1 = m[6] * d0 + m[7] * d1 + m[8] * d2
-            u2 = m[9] * d0 + m[10] * d1 + m[11] * d2
-            v = max(abs(u0), max(abs(u1), abs(u2)))
-            if m[12] < 0:  # flat: after those that certainly hold the point
-                v = np.float32(0.5)
-            elif abs(u0) > m[12] or abs(u1) > m[13] or abs(u2) > m[14]:
-                continue
-            if count == MOST:
-                if not v < depth[count - 1]:
-                    continue
-                count -= 1
-            j = count
-            while j > 0 and (depth[j - 1] > v or (depth[j - 1] == v and cell[j - 1] > c)):
-                cell[j], depth[j] = cell[j - 1], depth[j - 1]
-                at[j, 0], at[j, 1], at[j, 2] = at[j - 1, 0], at[j - 1, 1], at[j - 1, 2]
-                j -= 1
-            cell[j], depth[j] = c, v
-            at[j, 0] = lattice.center[c, 0] + lattice.edge[c, 0] * min(max(u0, -aside), aside)
-            at[j, 1] = lattice.center[c, 1] + lattice.edge[c, 1] * min(max(u1, -aside), aside)
-            at[j, 2] = lattice.center[c, 2] + lattice.edge[c, 2] * min(max(u2, -aside), aside)
-            count += 1
+        if g >= 0:
+            for s in range(starts.first[g], min(starts.first[g + 1], starts.first[g] + MEMBERS - count)):
+                c = starts.member[s]
+                member[count] = c
+                for r in range(3):
+                    low[r, count], high[r, count] = starts.box[c, r], starts.box[c, 3 + r]
+                count += 1
     return count
 
 
-@compiled
+@inlined
+def _candidates(p0, p1, p2, lattice, starts, members, member, low, high, hit, cell, depth, at):  # type: ignore[no-untyped-def]
+    """Write the cells whose images hold a point, the deepest first, with a rest place in each; return their number."""
+    for s in range(members):  # without branches, so that several are compared at once
+        hit[s] = (
+            (p0 >= low[0, s])
+            & (p1 >= low[1, s])
+            & (p2 >= low[2, s])
+            & (p0 <= high[0, s])
+            & (p1 <= high[1, s])
+            & (p2 <= high[2, s])
+        )
+    count = 0
+    aside = np.float32(ASIDE)
+    for s in range(members):
+        if not hit[s]:
+            continue
+        c = member[s]
+        m = starts.image[c]
+        d0, d1, d2 = p0 - m[0], p1 - m[1], p2 - m[2]
+        u0 = m[3] * d0 + m[4] * d1 + m[5] * d2
+        u1 = m[6] * d0 + m[7] * d1 + m[8] * d2
+        u2 = m[9] * d0 + m[10] * d1 + m[11] * d2
+        v = max(abs(u0), max(abs(u1), abs(u2)))
+        if m[12] < 0:  # flat: after those that certainly hold the point
+            v = np.float32(0.5)
+        elif abs(u0) > m[12] or abs(u1) > m[13] or abs(u2) > m[14]:
+            continue
+        if count == MOST:
+            if not v < depth[count - 1]:
+                continue
+            count -= 1
+        j = count
+        while j > 0 and (depth[j - 1] > v or (depth[j - 1] == v and cell[j - 1] > c)):
+            cell[j], depth[j] = cell[j - 1], depth[j - 1]
+            at[j, 0], at[j, 1], at[j, 2] = at[j - 1, 0], at[j - 1, 1], at[j - 1, 2]
+            j -= 1
+        cell[j], depth[j] = c, v
+        at[j, 0] = lattice.center[c, 0] + lattice.edge[c, 0] * min(max(u0, -aside), aside)
+        at[j, 1] = lattice.center[c, 1] + lattice.edge[c, 1] * min(max(u1, -aside), aside)
+        at[j, 2] = lattice.center[c, 2] + lattice.edge[c, 2] * min(max(u2, -aside), aside)
+        count += 1
+    return count
+
+
+@inlined
 def _known(at, j, same, roots, found):  # type: ignore[no-untyped-def]
     """Whether one of the roots found is as near to a start as `same`."""
     for k in range(found):
@@ -252,7 +284,7 @@ def _known(at, j, same, roots, found):  # type: ignore[no-untyped-def]
     return False
 
 
-@compiled
+@inlined
 def _newton(p0, p1, p2, r0, r1, r2, weights, B):  # type: ignore[no-untyped-def]
     """Residual and place of the best point met, whether space is turned inside out there, and look-ups.
 

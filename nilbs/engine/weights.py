@@ -5,7 +5,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from nilbs.engine.compiled import compiled
+from nilbs.engine.compiled import inlined
 from nilbs.geometry.plane import transforms_in_space
 from nilbs.geometry.weight_blocks import EDGE, ONE, WeightBlocks
 
@@ -69,7 +69,7 @@ def counted(B: np.ndarray) -> np.ndarray:
     return B / np.float32(ONE)
 
 
-@compiled
+@inlined
 def forward(p0, p1, p2, weights, B):  # type: ignore[no-untyped-def]
     """The image of a rest point and its derivative, row by row, in a pose that `counted` returned."""
     m0, m1, m2 = weights.cells
