@@ -11,6 +11,7 @@ from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.mesh import read_mesh, write_mesh
 from nilbs.io.motion import read_motion_json, read_transforms, write_motion_json, write_transforms
 from nilbs.io.npy import read_npy, write_npy
+from nilbs.io.npz import write_npz
 from nilbs.io.registry import read_bundle
 from nilbs.io.tgf import read_tgf, write_tgf
 from nilbs.io.weights import read_weights, write_weights
@@ -36,6 +37,7 @@ __all__ = [
     "write_mesh",
     "write_motion_json",
     "write_npy",
+    "write_npz",
     "write_tgf",
     "write_transforms",
     "write_weights",

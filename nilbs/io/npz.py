@@ -1,10 +1,12 @@
 """NumPy's `.npz` archives of numbers, read without pickle; the sizes that they claim are checked."""
 
 import os
+from collections.abc import Mapping
 
 import numpy as np
 
 from nilbs.geometry.validation import listed
+from nilbs.io.atomic import replacing
 from nilbs.io.errors import FileFormatError
 from nilbs.io.npy import npy_array
 from nilbs.io.zipped import open_zip, unpacked
@@ -25,3 +27,18 @@ class NpzFile:
             raise FileFormatError(self.path, f"the file holds no array {name}, but {there}")
         # numpy.load would make room for whatever shape the header claims; npy_array compares it with the bytes.
         return npy_array(self.path, unpacked(self.path, self._archive, f"{name}.npy"), name)
+
+
+def write_npz(path: str | os.PathLike, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write arrays of numbers by name; the file appears whole or not at all.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = tempfile.mkdtemp() + "/places.npz"
+    >>> write_npz(path, {"facet": np.array([3, 1])})
+    >>> NpzFile(path).array("facet")
+    array([3, 1])
+    """
+    with replacing(path) as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)

@@ -11,6 +11,7 @@ from nilbs.engine.answer import Answer, PosedEngine
 from nilbs.engine.surface_tree import ClosestPoints, PosedSurface
 from nilbs.engine.unit_frame import FAR, UnitFrame, at_rest, rest_center
 from nilbs.geometry.extraction import field_surface
+from nilbs.geometry.facets import facet_normals
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.surface import Surface
 from nilbs.geometry.validation import arrays
@@ -66,6 +67,17 @@ class PosedModel:
     def closest_points(self, x: np.ndarray) -> ClosestPoints:
         """Closest places on the posed skin."""
         return self.surface.closest(self._points(x))
+
+    def closest_places(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Closest places on the posed skin, by name.
+
+        Signed `distance` (n,) in mesh units, with the field's sign, `facet` (n,), `barycentric` (n, d), `point` (n, d)
+        and the outward unit `normal` (n, d) of the facet.
+        """
+        found = self.closest_points(x)
+        distance = np.where(self._answer(x).level < 0, -found.distance, found.distance)
+        normal = facet_normals(self.U, self.character.F)[found.facet]
+        return {**found._asdict(), "distance": distance, "normal": normal}
 
     def rest_points(self, x: np.ndarray) -> np.ndarray:
         """Canonical points (n, d) of posed points (n, d)."""
