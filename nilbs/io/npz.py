@@ -38,7 +38,7 @@ def write_npz(path: str | os.PathLike, arrays: Mapping[str, np.ndarray]) -> None
     >>> path = tempfile.mkdtemp() + "/places.npz"
     >>> write_npz(path, {"facet": np.array([3, 1])})
     >>> NpzFile(path).array("facet")
-    array([3, 1])
+    array([3., 1.])
     """
     with replacing(path) as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
