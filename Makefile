@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := -m pip install --quiet --disable-pip-version-check -c constraints.txt
+COMMA := ,
 # Set UNIT=1 to leave out the tests that train.
 MARKS := $(if $(UNIT),-m "not slow")
 # Blender's Python package is large, so that one environment serves all checkouts.
@@ -45,7 +46,7 @@ bpy:
 	$(BLENDER)/bin/python -m pip install --quiet --disable-pip-version-check bpy==$(BPY)
 	$(BLENDER)/bin/python -c "import bpy"
 
-wheel: $(VENV)/.ready-test ## build the wheel and the sdist in out/dist, and use the wheel in a bare environment
+wheel: $(VENV)/.ready-test ## build the wheel and the sdist in out/dist, and use the wheel in a bare environment, without torch
 	rm -rf out/dist out/bare
 	$(BIN)/python -m build --outdir out/dist
 	$(PYTHON) -m venv out/bare
@@ -59,5 +60,5 @@ clean: ## remove the environment and what programs wrote
 $(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-docs: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "nilbs needs Python 3.11 or newer; name one with PYTHON=..."; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python $(PIP) -e '.$(patsubst .ready-%,[%],$(filter .ready-%,$(notdir $@)))'
+	$(BIN)/python $(PIP) -e '.[torch$(patsubst .ready-%,$(COMMA)%,$(filter .ready-%,$(notdir $@)))]'
 	@touch $@

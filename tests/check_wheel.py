@@ -38,6 +38,13 @@ def use() -> None:
     shown = subprocess.run([program, "--help"], check=True, capture_output=True, text=True).stdout
     if "train" not in shown:
         sys.exit(f"nilbs --help does not list the command train: {shown}")
+    from nilbs.characters.capsule import capsule
+
+    character = capsule(d=2)
+    motion = nilbs.random_motion(character, frames=2)
+    model = nilbs.fit(character, motion, steps=0)
+    if (model.occupancy(character.V_volume[:1], motion.B[0]) < 0.5).all() or "torch" in sys.modules:
+        sys.exit("a model without a network does not answer, or needs torch")
 
 
 if __name__ == "__main__":
