@@ -1,6 +1,7 @@
 """Values of vertices anywhere: inside a volume mesh, and on a surface."""
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.plane import in_space
@@ -50,9 +51,19 @@ def facet_values(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: np.ndarray
     >>> facet_values([[0, 0], [4, 0]], [[0, 1]], [[0.0], [1.0]], [[1, 0]], [0])
     array([[0.25]])
     """
-    V, F, values, x, facet = arrays(
-        V=(V, "n d"), F=(F, "m d", int), values=(values, "n k"), x=(x, "p d"), facet=(facet, "p", "F")
-    )
+    V, values = arrays(V=(V, "n d"), values=(values, "n k"))
+    return facet_shares(V, F, x, facet) @ values
+
+
+def facet_shares(V: np.ndarray, F: np.ndarray, x: np.ndarray, facet: np.ndarray) -> csr_array:
+    """How much each vertex counts at points of known facets (p,): (p, n), rows sum to one.
+
+    Examples
+    --------
+    >>> facet_shares([[0, 0], [4, 0]], [[0, 1]], [[1, 0]], [0]).toarray()
+    array([[0.75, 0.25]])
+    """
+    V, F, x, facet = arrays(V=(V, "n d"), F=(F, "m d", int), x=(x, "p d"), facet=(facet, "p", "F"))
     corners = V[F[facet]]
     edges = corners[:, 1:] - corners[:, :1]
     gram = edges @ edges.transpose(0, 2, 1)
@@ -61,7 +72,7 @@ def facet_values(V: np.ndarray, F: np.ndarray, values: np.ndarray, x: np.ndarray
         gram.shape[1]
     )
     rest = np.linalg.solve(gram, edges @ (x - corners[:, 0])[:, :, None])[:, :, 0]
-    return _blend(np.concatenate([1 - rest.sum(axis=1, keepdims=True), rest], axis=1), F[facet], values)
+    return _shares(np.concatenate([1 - rest.sum(axis=1, keepdims=True), rest], axis=1), F[facet], len(V))
 
 
 def volume_interpolation(V: np.ndarray, T: np.ndarray, values: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -92,32 +103,50 @@ def volume_interpolation(V: np.ndarray, T: np.ndarray, values: np.ndarray, x: np
     >>> volume_interpolation(V, T, [[0.0], [1.0], [0.0]], [[0.5, 0.25], [3, 0]]).round(12).ravel()
     array([0.5, 1. ])
     """
-    V, T, values, x = arrays(V=(V, "n d"), T=(T, "t d+1", "V"), values=(values, "n k"), x=(x, "p d"))
+    V, values = arrays(V=(V, "n d"), values=(values, "n k"))
+    return volume_shares(V, T, x) @ values
+
+
+def volume_shares(V: np.ndarray, T: np.ndarray, x: np.ndarray) -> csr_array:
+    """How much each vertex of a volume mesh counts at points: (p, n), rows sum to one; see `volume_interpolation`.
+
+    Examples
+    --------
+    >>> V, T = [[0, 0], [1, 0], [0, 1]], [[0, 1, 2]]
+    >>> volume_shares(V, T, [[0.25, 0.25]]).toarray()
+    array([[0.5 , 0.25, 0.25]])
+    """
+    V, T, x = arrays(V=(V, "n d"), T=(T, "t d+1", "V"), x=(x, "p d"))
     if not len(T):
         raise ValueError("a volume mesh without elements has no values")
     if V.shape[1] == 2:
         # In the plane the elements are a surface of their own, whose closest place is the point itself where it is in.
-        return surface_interpolation(in_space(V), T, values, in_space(x))
+        return _surface_shares(in_space(V), T, in_space(x))
     import igl
 
     tree = igl.AABB()
     tree.init(V, T)
     element = igl.in_element(V, T, x, tree)
-    result = np.empty((len(x), values.shape[1]))
     inside = element >= 0
-    corners = T[element[inside]]
-    barycentric = igl.barycentric_coordinates(x[inside], *(V[corners[:, i]] for i in range(4)))
-    result[inside] = _blend(barycentric, corners, values)
+    corners = np.zeros((len(x), 4), dtype=np.int64)
+    corners[inside] = T[element[inside]]
+    barycentric = np.zeros((len(x), 4))
+    barycentric[inside] = igl.barycentric_coordinates(x[inside], *(V[corners[inside, i]] for i in range(4)))
     if not inside.all():
-        result[~inside] = surface_interpolation(V, boundary_facets(T), values, x[~inside])
-    return result
+        surface = _surface_shares(V, boundary_facets(T), x[~inside])
+        corners[~inside, :3], barycentric[~inside, :3] = surface.indices.reshape(-1, 3), surface.data.reshape(-1, 3)
+    return _shares(barycentric, corners, len(V))
 
 
-def _blend(barycentric: np.ndarray, corners: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """A convex blend of corners' values: rounding never leaves their range."""
+def _surface_shares(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> csr_array:
+    """How much each vertex counts at the places of a surface that are closest to points."""
+    _, facet, place = closest_points(V, F, x)
+    return facet_shares(V, F, place, facet)
+
+
+def _shares(barycentric: np.ndarray, corners: np.ndarray, n: int) -> csr_array:
+    """Shares (p, n) of corners (p, k): rounding never leaves the range of a convex blend."""
     barycentric = np.maximum(barycentric, 0)
     barycentric /= barycentric.sum(axis=1, keepdims=True)
-    result = barycentric[:, :1] * values[corners[:, 0]]
-    for i in range(1, corners.shape[1]):  # corner by corner: a third of the memory of one einsum
-        result += barycentric[:, i : i + 1] * values[corners[:, i]]
-    return result
+    p, k = corners.shape
+    return csr_array((barycentric.ravel(), corners.ravel(), np.arange(p + 1) * k), shape=(p, n))

@@ -1,13 +1,16 @@
-"""The rest pose on grids: signed distance that is exact at the surface, and weights that continue beyond it."""
+"""The rest pose on grids: signed distance whose zero is the surface, and weights that continue beyond it."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array, vstack
 
 from nilbs.geometry.distance import closest_points
-from nilbs.geometry.grids import Grid, cell_corners
-from nilbs.geometry.interpolation import facet_values, volume_interpolation
+from nilbs.geometry.facets import facet_areas
+from nilbs.geometry.grids import Grid
+from nilbs.geometry.interpolation import facet_shares, volume_shares
+from nilbs.geometry.sampling import facet_samples
 from nilbs.geometry.topology import group_labels, ridges
 from nilbs.geometry.validation import arrays
 from nilbs.geometry.winding import occupancy
@@ -16,6 +19,11 @@ from nilbs.geometry.winding import occupancy
 CHUNK = 2**19
 # The coarsest grid has at least this many cells along its shortest edge.
 COARSEST = 4
+# Samples of the surface on the area of a cell's face, and the most of all.
+SAMPLES, MOST_SAMPLES = 8, 2**21
+# Of the fit of bricks to the surface; damping in samples that lie about a node on average.
+ROUNDS, DAMPING = 4, 0.05
+NOTHING = np.empty(0, dtype=np.int64), np.empty(0)
 
 
 def distance_grid(V: np.ndarray, F: np.ndarray, grid: Grid) -> np.ndarray:
@@ -59,29 +67,33 @@ class Bricks(NamedTuple):
 
 
 def distance_bricks(
-    V: np.ndarray, F: np.ndarray, grid: Grid, *, parts: Sequence[int], tolerance: float, relative: float
+    V: np.ndarray,
+    F: np.ndarray,
+    grid: Grid,
+    *,
+    parts: Sequence[int],
+    tolerance: float,
+    most: int,
+    rng: np.random.Generator,
 ) -> Bricks:
     """Signed distance on a grid that is divided at the surface, and again where that is not enough.
 
     The edge of a cell is divided in parts[0] parts, of those cells that need it in parts[1] and so on; the (parts +
-    1)^d nodes of a divided cell are a brick. A cell of a brick is divided if linear interpolation, by the second
-    differences in the brick, misses the distance by more than `tolerance` plus `relative` times that distance.
+    1)^d nodes of a divided cell are a brick. All cells in which samples of the surface lie are divided once. A cell of
+    a brick is divided if the distance at the samples in it, which should be zero, is more than `tolerance` on average.
+    If that gives more than `most` values, cells are divided that hold the largest errors.
 
     Notes
     -----
-    Distance changes at most as fast as position, so that the surface crosses no cell with a corner farther from it than
-    a diagonal. All cells that it may cross are divided once. Whether that is enough depends on how much distance bends,
-    as it does at edges and around and within what is thin.
-
-    Linear interpolation between exact values of a convex function is too large: by an eighth of the second difference
-    along each axis halfway between nodes, and by a twelfth on average. Values at nodes of bricks are that much too
-    small instead, but for those of cells that are divided further, and interpolation is right on average: the body is
-    neither too thin nor too thick.
+    Linear interpolation between exact values of a convex function is too large everywhere, so that the body would be
+    too thin. Values at nodes of bricks are exact first and then fitted to the samples, by a few rounds of the
+    simultaneous iterative reconstruction technique, as in `nilbs.geometry.skin_fit`. They keep their signs.
 
     Examples
     --------
     >>> square = [[0, 0], [1, 0], [1, 1], [0, 1]], [[0, 1], [1, 2], [2, 3], [3, 0]]
-    >>> bricks = distance_bricks(*square, Grid([-0.5, 0.4], 0.2, (6, 2)), parts=[2], tolerance=0.0, relative=0.0)
+    >>> rng = np.random.default_rng(0)
+    >>> bricks = distance_bricks(*square, Grid([-0.5, 0.4], 0.2, (6, 2)), parts=[2], tolerance=0.0, most=99, rng=rng)
     >>> bricks.brick.ravel()
     array([-1, -1,  0, -1, -1], dtype=int32)
     >>> bricks.values[[12, 15, 18]].round(3) + 0.0
@@ -92,49 +104,60 @@ def distance_bricks(
         raise ValueError(f"parts must be at least 2, got {list(parts)}")
     coarse = distance_grid(V, F, grid)
     d, cells = coarse.ndim, np.array(grid.shape) - 1
-    farthest = np.maximum.reduce([np.abs(corner) for corner in cell_corners(coarse, d)])
-    chosen = np.argwhere(farthest <= grid.spacing * np.sqrt(d))
-    brick = _numbered(farthest.shape, chosen) if len(parts) else np.full(cells, -1, dtype=np.int32)
+    density = SAMPLES * facet_areas(V, F).sum() / grid.spacing ** (d - 1)
+    wanted = np.minimum(density * np.cumprod(parts, dtype=float) ** (d - 1), MOST_SAMPLES).astype(int) + 1
+    x = facet_samples(V, F, int(wanted.max(initial=0)), rng=rng)[0] if len(F) else np.empty((0, d))
+    within = (x - grid.origin) / grid.spacing
+    order = np.flatnonzero(((within >= 0) & (within <= cells)).all(axis=1))  # a sample's number: random, ascending
+    within, cell = _split(within[order], cells)
+    chosen, which = np.unique(np.ravel_multi_index(tuple(cell.T), cells), return_inverse=True)
+    chosen = np.stack(np.unravel_index(chosen, cells), axis=-1)
+    brick = _numbered(tuple(cells), chosen) if len(parts) else np.full(cells, -1, dtype=np.int32)
     values, finer = [coarse.ravel()], [np.empty(0, dtype=np.int32)]
-    for division, part in enumerate(parts, 1):
+    known = np.empty(0, dtype=np.int64), np.empty(0)
+    for division, part in enumerate(parts):
         grid = Grid(grid.origin, grid.spacing / part, tuple(part * cells + 1))
-        cells = part * cells
-        within = np.argwhere(np.ones((part + 1,) * d, dtype=bool))
-        node = np.ravel_multi_index(tuple((part * chosen[:, None] + within).reshape(-1, d).T), grid.shape)
-        # Bricks side by side share their nodes.
-        known, which = np.unique(node, return_inverse=True)
-        exact = _exact(V, F, grid, known)
-        nodes = exact[which].reshape(-1, *(part + 1,) * d)
-        bends = _bends(nodes, d)
-        missed = np.mean(cell_corners(np.abs(bends).sum(axis=0), d), axis=0) / 8
-        again = missed > tolerance + relative * np.abs(np.mean(cell_corners(nodes, d), axis=0))
-        again &= division < len(parts)
-        cells_at, read_at = np.zeros(nodes.shape), np.zeros(nodes.shape)
-        for all_cells, read_cells in zip(cell_corners(cells_at, d), cell_corners(read_at, d), strict=True):
-            all_cells += 1
-            read_cells += ~again
-        bend = np.bincount(which, bends.sum(axis=0).ravel()) / np.bincount(which)
-        bend *= np.bincount(which, read_at.ravel()) / np.bincount(which, cells_at.ravel())
-        values.append((exact - bend / 12)[which])
-        if division < len(parts):
-            divided = np.argwhere(again)
-            finer.append(_numbered(again.shape, divided).ravel())
-            chosen = part * chosen[divided[:, 0]] + divided[:, 1:]
+        # Bricks side by side share their nodes, and those of the brick that is divided are known.
+        node, row = np.unique(_brick_nodes(chosen, part, grid), return_inverse=True)
+        exact = _exact(V, F, grid, node, (_scaled(known[0], part, tuple(cells + 1), grid.shape), known[1]))
+        known, cells = (node, exact), part * cells
+        within, cell = _split(part * within, np.full(d, part))
+        used = order < wanted[division]
+        A = _interpolation(row.reshape(-1, *(part + 1,) * d), which[used], cell[used], within[used], len(node))
+        fitted = _fitted(A, exact, grid.spacing)
+        if division == len(parts) - 1:
+            values.append(fitted[row.ravel()])
+            break
+        cell_of = which * part**d + np.ravel_multi_index(tuple(cell.T), (part,) * d)
+        count = len(chosen) * part**d
+        missed = np.bincount(cell_of[used], np.abs(A @ fitted), minlength=count)
+        again = missed > tolerance * np.bincount(cell_of[used], minlength=count)
+        room = (most - sum(map(len, values)) - row.size) // (parts[division + 1] + 1) ** d
+        if again.sum() > room:
+            again[np.argsort(missed)[: count - max(room, 0)]] = False
+        number = np.where(again, np.cumsum(again) - 1, -1).astype(np.int32)
+        # Cells that are divided are not read.
+        values.append(_fitted(A[~again[cell_of[used]]], exact, grid.spacing)[row.ravel()])
+        finer.append(number)
+        divided = np.flatnonzero(again)
+        chosen = part * chosen[divided // part**d] + np.stack(np.unravel_index(divided % part**d, (part,) * d), axis=-1)
+        which = number[cell_of]
+        order, within, which = (a[which >= 0] for a in (order, within, which))
     return Bricks(np.concatenate(values), brick, np.concatenate(finer))
 
 
 def weight_grid(
     V: np.ndarray,
     F: np.ndarray,
-    W: np.ndarray,
+    W: np.ndarray | csr_array,
     V_volume: np.ndarray,
     T: np.ndarray,
-    W_volume: np.ndarray,
+    W_volume: np.ndarray | csr_array,
     grid: Grid,
     *,
     band: float,
     depth: float,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, csr_array]:
     """Nodes (s,) of a grid in the body and in a band around it, and their weights (s, b), whose rows sum to one.
 
     The surface V, F has weights W, the volume mesh V_volume, T has W_volume. `band` is the width of the band; beyond
@@ -145,33 +168,92 @@ def weight_grid(
     A point outside, at p + s n for its closest place p, has 2 W(p) - W(p - s n): so weights have no kink at the
     skin, which interpolation on the grid would smear over both sides. Farther than `depth` nothing changes any more.
     """
-    V, F, W = arrays(V=(V, "n d"), F=(F, "m d", int), W=(W, "n b"))
+    V, F = arrays(V=(V, "n d"), F=(F, "m d", int))
+    W, W_volume = csr_array(W), csr_array(W_volume)
     distance = distance_grid(V, F, grid).ravel()
     node = np.flatnonzero(distance < band)
     if not len(node):
         node = np.array([int(distance.argmin())])
-    W_node = np.empty((len(node), W.shape[1]))
+    found = []
     for start in range(0, len(node), CHUNK):
-        part = slice(start, start + CHUNK)
-        x, inside, found = grid.nodes(node[part]), distance[node[part]] < 0, W_node[part]
-        found[inside] = volume_interpolation(V_volume, T, W_volume, x[inside])
-        outer = x[~inside]
-        away, facet, closest = closest_points(V, F, outer)
+        part = node[start : start + CHUNK]
+        x, inside = grid.nodes(part), distance[part] < 0
+        away, facet, closest = closest_points(V, F, x[~inside])
         # The point mirrored in the surface, no deeper than `depth`.
-        mirrored = closest - (outer - closest) * (np.minimum(away, depth) / np.maximum(away, 1e-300))[:, None]
-        found[~inside] = 2 * facet_values(V, F, W, closest, facet) - volume_interpolation(
-            V_volume, T, W_volume, mirrored
+        mirrored = closest - (x[~inside] - closest) * (np.minimum(away, depth) / np.maximum(away, 1e-300))[:, None]
+        place = x.copy()
+        place[~inside] = mirrored
+        W_part = volume_shares(V_volume, T, place) @ W_volume
+        # One and the same product for all: rows of points inside count once, those of mirrored ones -1 times.
+        sign = csr_array((np.where(inside, 1.0, -1.0), (np.arange(len(part)), np.arange(len(part)))))
+        twice = csr_array(
+            (np.full(len(closest), 2.0), (np.flatnonzero(~inside), np.arange(len(closest)))),
+            shape=(len(part), len(closest)),
         )
-    return node, W_node / W_node.sum(axis=1, keepdims=True)
+        found.append(sign @ W_part + twice @ (facet_shares(V, F, closest, facet) @ W))
+    return node, scaled_rows(csr_array(vstack(found)))
 
 
-def _bends(values: np.ndarray, d: int) -> np.ndarray:
-    """Second differences at every node, along one axis after the other of the last d, which are the grid's."""
-    bends = np.empty((d, *values.shape))
-    for k, axis in enumerate(range(-d, 0)):
-        inner = np.diff(values, 2, axis=axis)
-        np.concatenate([inner.take([0], axis=axis), inner, inner.take([-1], axis=axis)], axis=axis, out=bends[k])
-    return bends
+def scaled_rows(W: csr_array, *, smallest: float = 0.0) -> csr_array:
+    """The same without entries below `smallest`, and with rows that sum to one.
+
+    Examples
+    --------
+    >>> scaled_rows(csr_array([[0.8, 0.1, 1e-9]]), smallest=1e-6).toarray().round(3)
+    array([[0.889, 0.111, 0.   ]])
+    """
+    kept = np.abs(W.data) >= smallest
+    first = np.concatenate([[0], np.cumsum(kept)])[W.indptr]
+    W = csr_array((W.data[kept], W.indices[kept], first), shape=W.shape)
+    return csr_array((W.data / np.repeat(W.sum(axis=1), np.diff(W.indptr)), W.indices, W.indptr), shape=W.shape)
+
+
+def _split(x: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places (p, d) within the cell that they lie in, 0 to 1, and that cell."""
+    cell = np.clip(x.astype(np.int64), 0, cells - 1)
+    return x - cell, cell
+
+
+def _brick_nodes(chosen: np.ndarray, part: int, grid: Grid) -> np.ndarray:
+    """Nodes of the bricks (k, nodes) of cells (k, d), which are `part` cells of the grid wide."""
+    d = chosen.shape[1]
+    first = np.ravel_multi_index(tuple(part * chosen.T), grid.shape)
+    local = np.ravel_multi_index(np.indices((part + 1,) * d).reshape(d, -1), grid.shape)
+    return first[:, None] + local
+
+
+def _scaled(node: np.ndarray, part: int, coarse: tuple[int, ...], fine: tuple[int, ...]) -> np.ndarray:
+    """Nodes (s,) of a grid as those of one that has `part` cells for each of its own."""
+    return np.ravel_multi_index([part * index for index in np.unravel_index(node, coarse)], fine)
+
+
+def _interpolation(rows: np.ndarray, brick: np.ndarray, cell: np.ndarray, share: np.ndarray, n: int) -> csr_array:
+    """How much each of n nodes counts at places (p,): in cells (p, d) of bricks, whose nodes (k, .., ..) are given."""
+    p, d = cell.shape
+    size = rows.shape[1]
+    first = np.ravel_multi_index(tuple(cell.T), (size,) * d) + brick * size**d
+    corners = np.ravel_multi_index(np.indices((2,) * d).reshape(d, -1), (size,) * d)
+    index = rows.ravel().astype(np.int32)[first[:, None] + corners]
+    share = share.astype(np.float32)
+    weight = np.ones((p, 1), dtype=np.float32)
+    for axis in range(d):
+        ends = np.stack([1 - share[:, axis], share[:, axis]], axis=1)
+        weight = (weight[:, :, None] * ends[:, None]).reshape(p, 2 ** (axis + 1))
+    return csr_array((weight.ravel(), index.ravel(), np.arange(p + 1) * 2**d), shape=(p, n))
+
+
+def _fitted(A: csr_array, exact: np.ndarray, spacing: float) -> np.ndarray:
+    """Values near those at nodes whose interpolation A at samples of the surface is zero, nearly."""
+    if not A.nnz:
+        return exact
+    back = A.T
+    share = np.asarray(back.sum(axis=1))
+    share = 1 / (share + DAMPING * share[share > 0].mean())
+    found = exact.astype(np.float32)
+    for _ in range(ROUNDS):
+        found -= share * (back @ (A @ found))
+    found = np.clip(found, exact - spacing / 2, exact + spacing / 2)
+    return np.where(exact < 0, np.minimum(found, 0), np.maximum(found, 0))
 
 
 def _numbered(shape: tuple[int, ...], chosen: np.ndarray) -> np.ndarray:
@@ -181,14 +263,24 @@ def _numbered(shape: tuple[int, ...], chosen: np.ndarray) -> np.ndarray:
     return number
 
 
-def _exact(V: np.ndarray, F: np.ndarray, grid: Grid, node: np.ndarray) -> np.ndarray:
-    """Signed distance at nodes of a grid, given as ascending indices among all."""
-    length = _at_nodes(lambda x: closest_points(V, F, x)[0], grid, node)
+def _exact(
+    V: np.ndarray, F: np.ndarray, grid: Grid, node: np.ndarray, known: tuple[np.ndarray, np.ndarray] = NOTHING
+) -> np.ndarray:
+    """Signed distance at nodes of a grid, given as ascending indices among all; some nodes and values are known."""
+    signed = np.full(len(node), np.nan)
+    at = np.searchsorted(node, known[0])
+    there = node[np.minimum(at, len(node) - 1)] == known[0] if len(node) else np.zeros(len(at), dtype=bool)
+    signed[at[there]] = known[1][there]
+    new = np.flatnonzero(np.isnan(signed))
+    length = np.abs(signed)
+    length[new] = _at_nodes(lambda x: closest_points(V, F, x)[0], grid, node[new])
     side = _sides(F, grid, node, length)
-    # All nodes of a side lie where the one farthest from the surface lies.
-    order = np.lexsort((length, side))
-    farthest = order[np.diff(side[order], append=-1) != 0]
-    inside = _at_nodes(lambda x: occupancy(V, F, x), grid, node[farthest]) > 0
+    # All nodes of a side lie where one that is known lies, or the one farthest from the surface.
+    order = np.lexsort((length, ~np.isnan(signed), side))
+    last = order[np.diff(side[order], append=-1) != 0]
+    inside = signed[last] < 0
+    open_ = np.flatnonzero(np.isnan(signed[last]))
+    inside[open_] = _at_nodes(lambda x: occupancy(V, F, x), grid, node[last[open_]]) > 0
     return np.where(inside[side], -length, length)
 
 

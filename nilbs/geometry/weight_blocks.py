@@ -4,14 +4,16 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
+from scipy.sparse import csr_array
 
 from nilbs.geometry.grids import Grid
 
 # Cells along each edge of a block.
 EDGE = 4
-# Weights are stored as this many parts of one; those outside the body may leave [0, 1] up to `LARGEST`.
+# Weights are stored as this many parts of one, so that a 16-bit integer holds those of `LEAST` to `LARGEST`: outside
+# the body weights may leave [0, 1].
 ONE = 16_383
-LARGEST = 32_767 / ONE
+LEAST, LARGEST = -1.0, 2.0
 
 
 class WeightBlocks(NamedTuple):
@@ -38,10 +40,11 @@ class WeightBlocks(NamedTuple):
     weight: np.ndarray
 
     @classmethod
-    def pack(cls, node: np.ndarray, W: np.ndarray, grid: Grid) -> Self:
+    def pack(cls, node: np.ndarray, W: np.ndarray | csr_array, grid: Grid) -> Self:
         """Blocks of all nodes (s,) of a grid that have weights (s, b), and of those that share a block with them.
 
-        The latter have the weights of the nearest node with some.
+        The latter have the weights of the nearest node with some. Rows sum to one; one that leaves the range of what is
+        stored is moved towards its own part in [0, 1], just far enough.
         """
         shape = np.array(grid.shape)
         d = len(shape)
@@ -57,24 +60,22 @@ class WeightBlocks(NamedTuple):
         for shift in np.ndindex(*(2,) * d):  # a node on a border belongs to the blocks on both sides
             has[tuple(np.clip((index - shift) // EDGE, 0, blocks - 1).T)] = True
         place = np.argwhere(has)
-        local = np.argwhere(np.ones((EDGE + 1,) * d, dtype=bool))
-        at = np.minimum(EDGE * place[:, None] + local, shape - 1)
-        rows = number[tuple(np.moveaxis(at, -1, 0))]
-        return cls(place.astype(np.int32), *_by_block(rows, *_rounded(W)))
+        rows = number.ravel()[_nodes(place, grid.shape)]
+        return cls(place.astype(np.int32), *_by_block(rows, _rounded(csr_array(W))))
 
     def rows(self, shape: tuple[int, ...]) -> dict[str, np.ndarray]:
         """The same without repeats, on the grid of that shape, as `nilbs.fields.forward.ForwardField` takes it.
 
         Nodes outside all blocks have the row of the nearest node inside.
         """
-        local = np.argwhere(np.ones((EDGE + 1,) * self.place.shape[1], dtype=bool))
-        at = np.minimum(EDGE * self.place[:, None] + local, np.array(shape) - 1)
-        node, one = np.unique(np.ravel_multi_index(tuple(np.moveaxis(at, -1, 0)), shape), return_index=True)
-        block, within = one // len(local), one % len(local)
+        at = _nodes(self.place, shape)
+        nodes = at.shape[1]
+        node, one = np.unique(at, return_index=True)
+        block, within = one // nodes, one % nodes
         bones = np.diff(self.first)[block]
         ends = np.cumsum(bones)
         entry = np.arange(ends[-1]) - np.repeat(ends - bones, bones)
-        weight = self.weight[entry + np.repeat(len(local) * self.first[block] + within * bones, bones)]
+        weight = self.weight[entry + np.repeat(nodes * self.first[block] + within * bones, bones)]
         bone = self.bone[entry + np.repeat(self.first[block], bones)]
         kept = weight != 0
         lengths = np.bincount(np.repeat(np.arange(len(node)), bones)[kept], minlength=len(node))
@@ -90,34 +91,52 @@ class WeightBlocks(NamedTuple):
         }
 
 
-def _rounded(W: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row, bone and integer weight of all weights that are not zero, row by row; each row sums to `ONE`."""
-    found = []
-    for begin in range(0, len(W), 2**16):  # pieces, because the table of a character with many bones is large
-        part = W[begin : begin + 2**16]
-        whole = np.round(np.clip(part, -LARGEST / 2, LARGEST / 2) * ONE).astype(np.int32)
-        row, largest = np.arange(len(part)), part.argmax(axis=1)
-        whole[row, largest] += ONE - whole.sum(axis=1)
-        row, bone = np.nonzero(whole)
-        found.append((row + begin, bone, whole[row, bone]))
-    row, bone, weight = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return row, bone, weight
+def _nodes(place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Nodes (k, (EDGE + 1)^d) of blocks in a grid of nodes; beyond the grid its last ones."""
+    local = np.argwhere(np.ones((EDGE + 1,) * len(shape), dtype=bool))
+    at = np.minimum(EDGE * place[:, None] + local, np.array(shape) - 1)
+    return np.ravel_multi_index(tuple(np.moveaxis(at, -1, 0)), shape)
 
 
-def _by_block(rows: np.ndarray, row: np.ndarray, bone: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, ...]:
-    """First, bone and weight of `WeightBlocks`, from the rows (k, nodes) of its nodes and the weights of rows."""
+def _rounded(W: csr_array) -> csr_array:
+    """Weights in parts of `ONE`, which they sum to in every row, each less than a part from what it was."""
+    W = _bounded(W)
+    row = np.repeat(np.arange(W.shape[0]), np.diff(W.indptr))
+    parts = np.floor(W.data * ONE)
+    whole = parts.astype(np.int32)
+    # Of what is left over, the largest remainders get a part each.
+    order = np.lexsort((parts - W.data * ONE, row))
+    left = ONE - np.bincount(row, whole, minlength=W.shape[0]).astype(np.int64)
+    rank = np.arange(len(order)) - W.indptr[row[order]]
+    whole[order] += rank < left[row[order]]
+    return csr_array((whole, W.indices, W.indptr), shape=W.shape)
+
+
+def _bounded(W: csr_array) -> csr_array:
+    """Rows that sum to one, each moved towards its own part in [0, 1] as far as `LEAST` and `LARGEST` need."""
+    row = np.repeat(np.arange(W.shape[0]), np.diff(W.indptr))
+    positive = np.maximum(W.data, 0)
+    positive /= np.bincount(row, positive, minlength=W.shape[0])[row]
+    away = W.data - positive
+    with np.errstate(divide="ignore", invalid="ignore"):
+        most = np.where(away > 0, (LARGEST - positive) / away, (LEAST - positive) / away)
+    share = np.ones(W.shape[0])
+    np.minimum.at(share, row[away != 0], most[away != 0])
+    return csr_array((positive + share[row] * away, W.indices, W.indptr), shape=W.shape)
+
+
+def _by_block(rows: np.ndarray, W: csr_array) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First, bone and weight of `WeightBlocks`, from the rows (k, nodes) of its nodes."""
     k, nodes = rows.shape
-    lengths = np.bincount(row, minlength=rows.max() + 1)
-    begins = np.concatenate([[0], np.cumsum(lengths)])
-    count = lengths[rows.ravel()]
+    count = np.diff(W.indptr)[rows.ravel()]
     ends = np.cumsum(count)
-    entry = np.arange(ends[-1]) + np.repeat(begins[rows.ravel()] - ends + count, count)
+    entry = np.arange(ends[-1]) + np.repeat(W.indptr[rows.ravel()] - ends + count, count)
     place = np.repeat(np.arange(k * nodes), count)  # block and node of the entry
-    bones = int(bone.max()) + 1
-    pair, which = np.unique(place // nodes * bones + bone[entry], return_inverse=True)
-    first = np.searchsorted(pair, np.arange(k + 1) * bones)
-    of_block = np.diff(first)
     block, node = place // nodes, place % nodes
-    out = np.zeros(nodes * len(pair), dtype=np.int16)
-    out[nodes * first[block] + node * of_block[block] + which - first[block]] = weight[entry]
-    return first.astype(np.int64), (pair % bones).astype(np.int32), out
+    there = np.zeros((k, W.shape[1]), dtype=bool)
+    there[block, W.indices[entry]] = True
+    first = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
+    which = (np.cumsum(there, axis=1, dtype=np.int32) - 1)[block, W.indices[entry]]
+    out = np.zeros(nodes * first[-1], dtype=np.int16)
+    out[nodes * first[block] + node * np.diff(first)[block] + which] = W.data[entry]
+    return first.astype(np.int64), np.nonzero(there)[1].astype(np.int32), out
