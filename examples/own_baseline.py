@@ -12,8 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from nilbs.characters.character import Character
-from nilbs.fields.field import Field
 from nilbs.engine.unit_frame import first_joints
+from nilbs.fields.field import Field
 from nilbs.methods.base import TrainedMethod, setting
 
 

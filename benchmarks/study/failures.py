@@ -286,7 +286,7 @@ def _contact_words(name: str, times: np.ndarray, inside: np.ndarray) -> str:
 
 
 def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Generator) -> Failure:
-    from nilbs.fields.rest_state import PARTS
+    from nilbs.engine.rest_state import PARTS
 
     character = model.character
     pose = turned(character, 1, [-BEND])[0]

@@ -1,7 +1,7 @@
 """What every field returns at posed points, whatever its method."""
 
 from collections.abc import Callable
-from typing import Generic, NamedTuple, Self, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -33,14 +33,17 @@ class Answer(NamedTuple, Generic[Array]):
     @property
     def occupancy(self) -> Array:
         """Occupancy (n,): 0 outside, 1 inside, one half on the surface."""
-        half = self.level / (-2 * self.width)  # type: ignore[operator]
+        level: Any = self.level
+        half: Any = level / (-2 * self.width)
         # sigmoid(z) = (1 + tanh(z / 2)) / 2, which overflows nowhere.
-        return (1 + (np.tanh(half) if isinstance(half, np.ndarray) else half.tanh())) / 2  # type: ignore[no-any-return]
+        ramp: Any = np.tanh(half) if isinstance(half, np.ndarray) else half.tanh()
+        return (1 + ramp) / 2
 
     def in_mesh_units(self, L: float, center: Array) -> Self:
         """The same with lengths multiplied by L, and canonical points moved by the centre as well."""
-        level, distance, x_rest, width = self
-        return self._replace(level=level * L, distance=distance * L, x_rest=x_rest * L + center, width=width * L)  # type: ignore[operator]
+        lengths: Any = self[:3]
+        level, distance, x_rest = (array * L for array in lengths)
+        return self._replace(level=level, distance=distance, x_rest=x_rest + center, width=self.width * L)
 
 
 # In one pose: posed points (n, d) and the transform (d, d+1) that moves them into the unit frame -> their answers.

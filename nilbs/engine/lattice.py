@@ -20,12 +20,14 @@ BENT = 0.3
 # How far the image of a cell may reach beyond what its corners say: times their deviation from the linear map, and in
 # edges of the cell.
 STRETCH, MARGIN = 1.5, 0.1
-# Of the cube around the image of a cell: a smaller volume is flat.
-FLAT = 1e-6
+# Of the cube around the image of a cell: a smaller volume is flat; and so is a cell whose image is shorter.
+FLAT, SHORT = 1e-6, 1e-9
 # In edges of a grid's cells: a wider box is kept in a coarser grid.
 WIDE = 3.0
 # The most cells of the finest grid around the posed body along an edge, and how many times it is coarsened.
 FINEST, LEVELS = 128, 8
+# Places of members are counted in 32 bits.
+MOST_MEMBERS = 2**31 - 1
 
 
 class Lattice(NamedTuple):
@@ -104,7 +106,10 @@ class Starts(NamedTuple):
         first, level = np.zeros(base[-1] + 2, dtype=np.int32), np.empty(count, dtype=np.int32)
         reached = np.zeros(base[1], dtype=np.bool_)
         starts = cls(box, image, origin, edge, shape, base, first, np.empty(0, dtype=np.int32), reached)
-        member = np.empty(_count(starts, level, first), dtype=np.int32)
+        members = _count(starts, level, first)
+        if members > MOST_MEMBERS:
+            raise ValueError(f"the grids of rest weights have too many cells: {count}")
+        member = np.empty(members, dtype=np.int32)
         _fill(starts, level, first, member)
         return starts._replace(member=member)
 
@@ -234,7 +239,7 @@ def _invert(lattice, x, c, e, widest, image):  # type: ignore[no-untyped-def]
     det = e[0, 0] * c0 + e[1, 0] * c1 + e[2, 0] * c2
     m = image[c, 3:12]
     reach = image[c, 12:15]
-    if not abs(det) > np.float32(FLAT) * widest * widest * widest:
+    if not (abs(det) > np.float32(FLAT) * widest * widest * widest and widest > np.float32(SHORT)):
         m[:] = np.float32(0)
         reach[:] = np.float32(-1)
         return

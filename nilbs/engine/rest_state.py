@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
+from math import prod
 from typing import Any, Self
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.sparse import csr_array
 from nilbs.characters.character import Character
 from nilbs.engine.distances import Distances, divisions
 from nilbs.engine.search import SearchEngine
-from nilbs.engine.unit_frame import at_rest
+from nilbs.engine.unit_frame import FAR, at_rest
 from nilbs.engine.weights import Weights
 from nilbs.geometry.facets import facet_areas
 from nilbs.geometry.grids import Grid
@@ -39,6 +40,18 @@ CELLS_IN_PLANE = (2048, 256)
 DISTANCE, WEIGHTS = "rest.distance", "rest.weights"
 # The largest count of an int16.
 LARGEST = 32_767
+# Types of the arrays.
+KINDS = {
+    **{f"{DISTANCE}.{name}": kind for name, kind in {
+        "values": np.int16, "unit": np.float32, "brick": np.int32, "finer": np.int32, "origin": np.float64,
+    }.items()},
+    **{f"{WEIGHTS}.{name}": kind for name, kind in {
+        "place": np.int32, "first": np.int64, "bone": np.int32, "weight": np.int16, "origin": np.float64,
+        "shape": np.int32,
+    }.items()},
+}  # fmt: skip
+# Of grids in files: the shortest edge of a cell, in units of L, the most cells along an axis, and the most nodes.
+FINEST, MOST_ALONG, MOST_NODES = 1e-6, 2**20, 2**28
 
 
 @dataclass(frozen=True)
@@ -203,46 +216,65 @@ def _state(
 
 
 def check_rest_state(state: RestState, character: Character) -> None:
-    """Check that the grids of a model fit the character and themselves.
+    """Check that the grids of a model fit the character and themselves: compiled code reads them as they are.
 
     Raises
     ------
-    KeyError, TypeError, ValueError
+    KeyError, TypeError, ValueError, OverflowError
         Naming what does not.
     """
     d, b = character.d, len(character.skeleton.BE)
+    if unknown := sorted(set(state.arrays) - set(KINDS)):
+        raise ValueError(f"{unknown[0]} is no array of the rest grids")
+    for name, kind in KINDS.items():
+        if state.arrays[name].dtype != kind:
+            raise ValueError(f"{name} must be stored as {np.dtype(kind)}, not as {state.arrays[name].dtype}")
     spacing, parts = state.header["spacing"], state.header["parts"]
-    if not all(0 < float(spacing[name]) < 1e9 for name in ("distance", "weights")):
-        raise ValueError(f"cells of grids must have an edge above zero, got {spacing}")
-    if not all(type(part) is int and 2 <= part <= 64 for part in parts):
-        raise ValueError(f"cells must be divided in 2 to 64 parts, got {parts}")
-    values, unit, brick, finer, origin = (
-        state.arrays[f"{DISTANCE}.{name}"] for name in ("values", "unit", "brick", "finer", "origin")
-    )
-    arrays(unit=(unit, f"{1 + len(parts)}"), origin=(origin, f"{d}"))
-    place, first, bone, weight, weight_origin, shape = (
-        state.arrays[f"{WEIGHTS}.{name}"] for name in ("place", "first", "bone", "weight", "origin", "shape")
-    )
-    arrays(weight_origin=(weight_origin, f"{d}"), shape=(shape, f"{d}", int))
-    kinds = {"values": (values, "int16"), "brick": (brick, "int32"), "finer": (finer, "int32"),
-             "place": (place, "int32"), "first": (first, "int64"), "bone": (bone, "int32"),
-             "weight": (weight, "int16"), "unit": (unit, "float32")}  # fmt: skip
-    for name, (array, kind) in kinds.items():
-        if array.dtype != kind or array.ndim != {"brick": d, "place": 2}.get(name, 1):
-            raise ValueError(f"{name} of the rest grids is {array.dtype} {array.shape}")
-    if min(brick.shape) < 1 or min(brick.min(), finer.min(initial=-1)) < -1:
-        raise ValueError(f"the rest cache has shape {brick.shape}, or a brick a number below -1")
+    for name in ("distance", "weights"):
+        if type(spacing[name]) not in (int, float) or not FINEST <= float(spacing[name]) < FAR:
+            raise ValueError(f"cells of grids must have an edge from {FINEST:g} to {FAR:g}, got {spacing}")
+        (origin,) = arrays(**{f"{name}_origin": (state.arrays[f"rest.{name}.origin"], f"{d}")})
+        if not np.abs(origin).max() < FAR:
+            raise ValueError(f"the grid of rest {name} begins very far away, at {origin.tolist()}")
+    if type(parts) is not list or len(parts) > 8 or not all(type(part) is int and 2 <= part <= 64 for part in parts):
+        raise ValueError(f"cells must be divided at most 8 times in 2 to 64 parts, got {parts}")
+    _check_distances(state.arrays, d, parts)
+    _check_weights(state.arrays, d, b)
+
+
+def _check_distances(state: Mapping[str, np.ndarray], d: int, parts: list[int]) -> None:
+    values, unit, brick, finer = (state[f"{DISTANCE}.{name}"] for name in ("values", "unit", "brick", "finer"))
+    if brick.ndim != d or min(brick.shape) < 1 or max(brick.shape) > MOST_ALONG:
+        raise ValueError(f"the grid of rest distances has shape {brick.shape}")
+    arrays(values=(values, "s"), finer=(finer, "c", int), unit=(unit, f"{1 + len(parts)}"))
+    if not (unit.min() > 0 and unit.max() < FAR):
+        raise ValueError(f"units of rest distances must lie between 0 and {FAR:g}, got {unit.tolist()}")
+    if min(brick.min(), finer.min(initial=-1)) < -1:
+        raise ValueError("a brick of the rest distances has a number below -1")
     divisions(brick, finer, parts, values=len(values))
-    if not len(place) or place.shape[1] != d or place.min() < 0 or (EDGE * place >= shape).any() or shape.max() > 2**20:
-        raise ValueError("a block of weights lies outside the grid, or there is none")
-    if len(np.unique(np.ravel_multi_index(tuple(place.T), tuple(int(n) for n in shape)))) < len(place):
-        raise ValueError("two blocks of weights lie at the same place")
+
+
+def _check_weights(state: Mapping[str, np.ndarray], d: int, b: int) -> None:
+    place, first, bone, weight, shape = (
+        state[f"{WEIGHTS}.{name}"] for name in ("place", "first", "bone", "weight", "shape")
+    )
+    if shape.shape != (d,) or shape.min() < 2 or shape.max() > MOST_ALONG or prod(shape.tolist()) > MOST_NODES:
+        raise ValueError(f"the grid of rest weights has shape {shape.tolist()}")
+    k = len(place)
+    if k < 1 or place.shape != (k, d) or first.shape != (k + 1,):
+        raise ValueError(f"the blocks of rest weights have places {place.shape} and beginnings {first.shape}")
+    if place.min() < 0 or (place >= -(-(shape - 1) // EDGE)).any():
+        raise ValueError("a block of rest weights lies outside the grid")
+    if len(np.unique(np.ravel_multi_index(tuple(place.T), tuple(shape.tolist())))) < k:
+        raise ValueError("two blocks of rest weights lie at the same place")
     counts = np.diff(first)
-    if first.shape != (len(place) + 1,) or first[0] != 0 or first[-1] != len(bone) or (counts < 1).any():
-        raise ValueError("the bones of blocks do not follow each other")
+    if first[0] != 0 or first[-1] != len(bone) or bone.ndim != 1 or (counts < 1).any():
+        raise ValueError("the bones of blocks of rest weights do not follow each other")
+    if bone.min() < 0 or bone.max() >= b:
+        raise ValueError("a bone of the rest weights does not exist")
     nodes = (EDGE + 1) ** d
-    if len(weight) != nodes * len(bone) or bone.min() < 0 or bone.max() >= b:
-        raise ValueError("weights and bones of blocks do not fit, or a bone does not exist")
-    row = np.concatenate([[0], np.cumsum(np.repeat(counts, nodes))[:-1]])
-    if (np.add.reduceat(weight, row, dtype=np.int64) != ONE).any():
-        raise ValueError("the weights of a node do not sum to one")
+    if weight.shape != (nodes * len(bone),):
+        raise ValueError(f"rest weights must be {nodes * len(bone)} numbers, got an array {weight.shape}")
+    begins = np.concatenate([[0], np.cumsum(np.repeat(counts, nodes))[:-1]])
+    if (np.add.reduceat(weight, begins, dtype=np.int64) != ONE).any():
+        raise ValueError("the rest weights of a node do not sum to one")

@@ -1,6 +1,6 @@
 """Root search on the forward map, compiled: one loop for each point, from every part of the body that lies there.
 
-It computes what `nilbs.fields.search.SearchField` does by the mapping "parts", in single precision, and differs in
+It computes what `nilbs.fields.search.SearchField` does by the mapping "search", in single precision, and differs in
 where searches start: `nilbs.engine.lattice` instead of `nilbs.fields.overlap`.
 """
 
@@ -316,6 +316,8 @@ def _newton(p0, p1, p2, r0, r1, r2, weights, B):  # type: ignore[no-untyped-def]
         s1 = f * ((a12 * a20 - a10 * a22) * m0 + (a00 * a22 - a02 * a20) * m1 + (a02 * a10 - a00 * a12) * m2)
         s2 = f * ((a10 * a21 - a11 * a20) * m0 + (a01 * a20 - a00 * a21) * m1 + (a00 * a11 - a01 * a10) * m2)
         length = np.sqrt(s0 * s0 + s1 * s1 + s2 * s2)
+        if not length < np.float32(np.inf):  # a derivative beyond the precision: there is no next step
+            break
         if length > np.float32(STEP):
             f = np.float32(STEP) / length
             s0 *= f

@@ -1,7 +1,7 @@
 """The frame that fields work in: relative to the root bone, centred, in units of the character's size."""
 
 import sys
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -53,30 +53,32 @@ class UnitFrame(Generic[Array]):
         self.character, self._root = character, pose[..., root_bone(character), :, :]  # type: ignore[index]
         self._to_root = to_unit @ linalg.inv(self._root)
         self.B = self._to_root[..., None, :, :] @ pose @ from_unit
-        far = ~(abs(self.B) < FAR).all(-1).all(-1)  # type: ignore[arg-type]
+        size: Any = abs(self.B)  # type: ignore[arg-type]
+        far = ~(size < FAR).all(-1).all(-1)
         _check(far, f"is moved or stretched by {FAR:g} times the character's size or more against the root")
 
     @property
     def to_unit(self) -> Array:
         """The transform (..., d, d+1) that moves posed points into the unit frame."""
-        return self._to_root[..., : self.character.d, :]  # type: ignore[index, no-any-return]
+        return self._to_root[..., : self.character.d, :]
 
     def points(self, x: Array) -> Array:
         """Posed points (..., n, d) in the unit frame."""
         d = self.character.d
-        return x @ self._to_root[..., :d, :d].mT + self._to_root[..., None, :d, d]  # type: ignore[no-any-return]
+        return x @ self._to_root[..., :d, :d].mT + self._to_root[..., None, :d, d]
 
     def points_back(self, x_unit: Array) -> Array:
         """Points (..., n, d) of the unit frame in mesh units."""
         c, d = self.character, self.character.d
-        x = x_unit * c.L + _like(rest_center(c), x_unit)
-        return x @ self._root[..., :d, :d].mT + self._root[..., None, :d, d]  # type: ignore[no-any-return]
+        x: Any = x_unit
+        x = x * c.L + _like(rest_center(c), x_unit)
+        return x @ self._root[..., :d, :d].mT + self._root[..., None, :d, d]
 
     @property
     def turn_back(self) -> Array:
         """Matrix (..., d, d) that takes gradients by points of the unit frame to those in the world, but for L."""
         d = self.character.d
-        return _linalg(self._root).inv(self._root[..., :d, :d])  # type: ignore[no-any-return]
+        return _linalg(self._root).inv(self._root[..., :d, :d])
 
 
 def rest_center(character: Character) -> np.ndarray:

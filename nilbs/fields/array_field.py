@@ -29,9 +29,9 @@ class ArrayField(Field):
         posed, stay = self.engine(_array(B)), np.eye(d, d + 1)
 
         def answer(x: Tensor) -> Answer[Tensor]:
-            distance, _, x_rest, width = posed(_array(x), stay)
-            distance, x_rest = (torch.as_tensor(found).to(self.like) for found in (distance, x_rest))
-            return Answer(distance, distance, x_rest, width)
+            found = posed(_array(x), stay)
+            distance, x_rest = (torch.as_tensor(array).to(self.like) for array in (found.distance, found.x_rest))
+            return Answer(distance, distance, x_rest, found.width)
 
         return answer
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import Field as DataclassField
 from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_type_hints
 
 if TYPE_CHECKING:
@@ -179,6 +180,10 @@ class Method:
         KeyError, TypeError, ValueError
             Naming what does not fit.
         """
+        if rest.arrays:
+            raise ValueError(f"{next(iter(rest.arrays))}: the method {self.name} has no grids of the rest pose")
+        if not self.trained and state:
+            raise ValueError(f"{next(iter(state))}: the method {self.name} has no parameters")
 
 
 REGISTERED: dict[str, type[Method]] = {}
@@ -258,7 +263,16 @@ class NetworkMethod(TrainedMethod):
 
     def check_state(self, character: "Character", state: "Mapping[str, np.ndarray]", rest: "RestState") -> None:
         """As `Method.check_state`: nothing is built larger than what the file holds."""
+        super().check_state(character, state, rest)
         self.check_layers(state)
+
+    def layer_shapes(self, name: str, inputs: int, outputs: int) -> dict[str, tuple[int, ...]]:
+        """Shapes of the parameters of linear layers of these sizes, which are called `name`.0, `name`.1 and so on."""
+        sizes = [inputs, *[self.width] * (self.depth - 1), outputs]
+        shapes: dict[str, tuple[int, ...]] = {}
+        for k, (i, o) in enumerate(pairwise(sizes)):
+            shapes |= {f"{name}.{k}.weight": (o, i), f"{name}.{k}.bias": (o,)}
+        return shapes
 
     def check_layers(self, state: "Mapping[str, np.ndarray]") -> None:
         """Raise ValueError if a file's tensors cannot hold layers of these sizes."""
@@ -268,3 +282,15 @@ class NetworkMethod(TrainedMethod):
             raise ValueError(f"there are fewer layers than in its settings, {self.depth}")
         if self.width**2 * (self.depth - 2) > sum(a.size for a in state.values()):
             raise ValueError(f"it holds less than {self.depth} layers of width {self.width}")
+
+
+def check_shapes(state: "Mapping[str, np.ndarray]", shapes: "Mapping[str, tuple[int, ...]]") -> None:
+    """Raise ValueError if arrays are not floating-point numbers of these names and shapes."""
+    for name in sorted({*state, *shapes}):
+        if name not in state:
+            raise ValueError(f"the parameters {name} are missing")
+        if name not in shapes:
+            raise ValueError(f"{name} are no parameters of a model with these settings")
+        if state[name].shape != shapes[name] or state[name].dtype.kind != "f":
+            found = f"{state[name].dtype} {state[name].shape}"
+            raise ValueError(f"{name} must be {shapes[name]} floating-point numbers, got {found}")

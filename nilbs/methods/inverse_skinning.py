@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Self
 
-from nilbs.methods.base import NetworkMethod, setting
+from nilbs.methods.base import NetworkMethod, check_shapes, setting
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,6 +64,10 @@ class InverseSkinning(NetworkMethod):
     )
     cache_width: float = setting(0.003, "width of the step by which occupancy is read from distance", least=1e-6)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_mapping(None)
+
     def resolved(self, character: "Character") -> Self:
         """With steps, and grids as fine as fits the dimension.
 
@@ -121,7 +125,7 @@ class InverseSkinning(NetworkMethod):
         """Raise ValueError if there is no such mapping, or no network for it."""
         super().check_mapping(mapping)
         if self.steps == 0 and (mapping or self.mapping) in NEED_NETWORK:
-            raise ValueError(f"the mapping {mapping or self.mapping!r} needs a network, and training had 0 steps")
+            raise ValueError(f"the mapping {mapping or self.mapping!r} needs a network, and with 0 steps there is none")
 
     def terms(self, field: "Field", scene: "Scene") -> "list[Term]":
         """Losses of the weights at canonical points, and of the second network where there is one."""
@@ -161,4 +165,16 @@ class InverseSkinning(NetworkMethod):
 
         check_rest_state(rest, character)
         if self.steps:
-            self.check_layers({name: array for name, array in state.items() if name not in rest.arrays})
+            self.check_layers(state)
+        check_shapes(state, self.parameter_shapes(character) if self.steps else {})
+
+    def parameter_shapes(self, character: "Character") -> dict[str, tuple[int, ...]]:
+        """Shapes of the parameters of a trained field, by their names in its state."""
+        b, d = len(character.skeleton.BE), character.d
+        inputs = b * d if self.encoding == "local" else d + b * {2: 1, 3: 3}[d]
+        shapes = self.layer_shapes("inverse.network.layers", inputs, b + self.ghost)
+        if self.encoding == "local":
+            shapes["inverse.network.encoding.centers"] = (b, d)
+        if self.forward == "network":
+            shapes |= self.layer_shapes("forward_network.layers", d, b)
+        return shapes

@@ -108,32 +108,33 @@ def fit(
         )
     resolved = chosen.resolved(character)
     report = report or silent
+    trains = isinstance(resolved, TrainedMethod) and resolved.steps != 0
+    # Before the work: what would fail only after it.
+    if trains or dtype is not None or device not in ("auto", "cpu"):
+        device, dtype = _place(device, dtype)
+    # How long a training takes is no part of what it is.
+    open_ended = replace(resolved, steps=None) if trains and minutes is not None else resolved  # type: ignore[call-arg]
+    fingerprint = _fingerprint(character, motion, open_ended, dtype)
+    state = None
+    if checkpoint is not None and resume and (trains or Path(checkpoint).exists()):
+        state = _load_checkpoint(Path(checkpoint), fingerprint, report)
     rest = resolved.rest(character)
-    if not isinstance(resolved, TrainedMethod):
-        report(f"the method {resolved.name} learns nothing: there is no training")
-        return Model(character, motion, resolved, np.zeros(0), rest=rest)
-    if resolved.steps == 0:
-        report("0 steps: the model has no network")
-        return Model(character, motion, resolved, np.zeros(0), rest=rest)
+    if not trains:
+        no_network = "0 steps: the model has no network"
+        report(no_network if resolved.trained else f"the method {resolved.name} learns nothing: there is no training")
+        model = Model(character, motion, resolved, np.zeros(0), rest=rest)
+        return model.to(device=None if device == "auto" else device, dtype=dtype)
     import torch
 
     from nilbs.fields.field import like
     from nilbs.fields.scene import Scene
     from nilbs.fields.training import train
-    from nilbs.models.torch_field import parameters_of, torch_device
+    from nilbs.models.torch_field import parameters_of
 
-    dtype = torch.float32 if dtype is None else dtype
-    if dtype not in (torch.float32, torch.float64):
-        raise ValueError(f"dtype must be torch.float32 or torch.float64, got {dtype}")
-    # How long a training takes is no part of what it is.
-    open_ended = resolved if minutes is None else replace(resolved, steps=None)
-    fingerprint = _fingerprint(character, motion, open_ended, dtype)
-    state = None
-    if checkpoint is not None and resume:
-        state = _load_checkpoint(Path(checkpoint), fingerprint, report)
+    assert isinstance(resolved, TrainedMethod)
     with torch.random.fork_rng():  # networks draw from torch's own generator, which is the caller's
         torch.manual_seed(resolved.seed)
-        field = resolved.field_around(character, rest).to(device=torch_device(device), dtype=dtype)
+        field = resolved.field_around(character, rest).to(device=device, dtype=dtype)
     scene = Scene.of(character, motion, like(field), seed=resolved.seed, progress=progress)
     objective = resolved.objective(field, scene)
     assert resolved.steps is not None
@@ -160,7 +161,18 @@ def fit(
         progress=progress,
     )
     model = Model(character, motion, replace(resolved, steps=steps), history, parameters_of(field), rest)
-    return model.to(device=torch_device(device), dtype=None if dtype == torch.float32 else dtype)
+    return model.to(device=device, dtype=dtype)
+
+
+def _place(device: str, dtype: "torch.dtype | None") -> "tuple[str, torch.dtype]":
+    """Device and precision of a training, checked."""
+    import torch
+
+    from nilbs.models.torch_field import torch_device
+
+    if dtype not in (None, torch.float32, torch.float64):
+        raise ValueError(f"dtype must be torch.float32 or torch.float64, got {dtype}")
+    return torch_device(device), torch.float32 if dtype is None else dtype
 
 
 def remove_checkpoint(path: str | Path) -> None:
@@ -201,7 +213,7 @@ def _steps_within(seconds: float, field: "Field", objective: "Objective", learni
     return max(1, int(steps))
 
 
-def _fingerprint(character: Character, motion: Motion, method: Method, dtype: "torch.dtype") -> str:
+def _fingerprint(character: Character, motion: Motion, method: Method, dtype: "torch.dtype | None") -> str:
     """What a checkpoint belongs to: everything that the training depends on."""
     digest = hashlib.sha256(json.dumps([method.name, values_of(method), str(dtype)], sort_keys=True).encode())
     for array in (*character.arrays().values(), motion.B):

@@ -67,7 +67,7 @@ class Model:
     rest: RestState = field(default_factory=RestState)
 
     def __post_init__(self) -> None:
-        self._place: dict[str, Any] = {}  # of the field, where `to` moved it
+        self._place: dict[str, Any] = {}  # device and precision that `to` moved the field to
         self._engines: dict[str | None, Engine | None] = {}
 
     @cached_property
@@ -75,15 +75,26 @@ class Model:
         """What was trained, in torch, in the frame of `nilbs.engine.unit_frame`."""
         from nilbs.models.torch_field import field_of
 
-        return field_of(self.character, self.method, self.parameters, self.rest).to(**self._place)
+        return field_of(self.character, self.method, self.parameters, self.rest, **self._place)
 
     def engine(self, mapping: str | None = None) -> Engine | None:
         """What answers by a mapping without torch; None where the field does, or was moved to a device."""
-        if self._place:
+        if self._field_answers:
             return None
+        mapping = mapping or getattr(self.method, "mapping", None)
         if mapping not in self._engines:
             self._engines[mapping] = self.method.engine(self.character, self.rest, mapping)
         return self._engines[mapping]
+
+    @property
+    def _field_answers(self) -> bool:
+        """Whether the field answers all queries: on another device, or not in single precision."""
+        device, dtype = self._place.get("device", "cpu"), self._place.get("dtype")
+        if dtype is None:
+            single = all(a.dtype != np.float64 for a in self.parameters.values())
+        else:
+            single = str(dtype) == "torch.float32"
+        return not single or str(device).partition(":")[0] != "cpu"
 
     @cached_property
     def skinning(self) -> SparseSkinning:
@@ -226,9 +237,11 @@ class Model:
         return differentiable_answer(self, x, pose, mapping)
 
     def to(self, *, device: str | None = None, dtype: "torch.dtype | None" = None) -> Self:
-        """Move the field to a device or a precision, in place: from then on it answers, instead of the engine."""
-        place = {"device": None if device in (None, "cpu") else device, "dtype": dtype}
-        self._place |= {name: value for name, value in place.items() if value is not None}
+        """Move the field to a device or a precision, in place.
+
+        On another device than the processor, or in double precision, it answers instead of the engine.
+        """
+        self._place |= {name: value for name, value in {"device": device, "dtype": dtype}.items() if value is not None}
         if "field" in self.__dict__:
             self.field.to(device=device, dtype=dtype)
         return self
@@ -241,7 +254,12 @@ class Model:
         OSError
             If the file cannot be written; what was there before is kept.
         """
-        parts = ModelParts(self.character, self.motion, self.method, self.history, self.parameters, self.rest)
+        parameters = self.parameters
+        if parameters and "field" in self.__dict__:  # which may have been moved to another precision, or trained on
+            from nilbs.models.torch_field import parameters_of
+
+            parameters = parameters_of(self.field)
+        parts = ModelParts(self.character, self.motion, self.method, self.history, parameters, self.rest)
         write_model_file(path, parts)
 
 

@@ -78,8 +78,12 @@ def read_model_file(path: str | Path) -> ModelParts:
         rest = RestState.of_state(state, text)
         parameters = {name: array for name, array in state.items() if name not in rest.arrays}
         method.check_state(character, parameters, rest)
+        if method.trained and not rest.arrays:  # only torch has the shapes of its layers, and it answers anyway
+            from nilbs.models.torch_field import field_of
+
+            field_of(character, method, parameters, rest)
         arrays(history=(contents["history"], "s"))
         return ModelParts(character, motion, method, contents["history"], parameters, rest)
-    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
+    except (LookupError, TypeError, ValueError, OverflowError, AttributeError) as error:
         reason = " ".join(str(error).split())
         raise FileFormatError(path, f"is not a complete nilbs model: {reason}") from None

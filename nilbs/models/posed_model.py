@@ -101,12 +101,13 @@ class PosedModel:
         """Weights (n, b+1) that the network predicts for posed points (n, d); the ghost bone's last."""
         from nilbs.models.torch_field import predicted_weights
 
-        return predicted_weights(self.model, self.frame.B, self.frame.points(self._points(x)))
+        return predicted_weights(self.model, self.frame.B, self.frame.points(self._near_points(x)))
 
     def posed_points(self, x_rest: np.ndarray) -> np.ndarray:
         """Images (n, d) of rest points (n, d) under forward skinning."""
         (x_rest,) = arrays(x_rest=(x_rest, f"n {self.character.d}"))
         unit = at_rest(self.character, x_rest)
+        _check_near("x_rest", x_rest, unit)
         if self._engine is not None and hasattr(self._posed, "images"):
             return self.frame.points_back(self._posed.images(unit).astype(np.float64))
         from nilbs.models.torch_field import images
@@ -129,8 +130,9 @@ class PosedModel:
     @property
     def lookups(self) -> float | None:
         """Evaluations of the weights of rest points per query so far; None if the method does not count them."""
-        queries = getattr(self._posed, "queries", 0)
-        return self._posed.evaluations / queries if queries else None  # type: ignore[union-attr]
+        posed: Any = self._posed
+        queries = getattr(posed, "queries", 0)
+        return posed.evaluations / queries if queries else None
 
     @cached_property
     def U(self) -> np.ndarray:
@@ -157,14 +159,13 @@ class PosedModel:
 
     def _answer(self, x: np.ndarray) -> Answer[np.ndarray]:
         """The answer in the unit frame; inf is the level of a point without a canonical point that no one asked for."""
+        return self._posed(self._near_points(x), self.frame.to_unit)
+
+    def _near_points(self, x: np.ndarray) -> np.ndarray:
+        """Checked points (n, d) that single precision holds in the unit frame."""
         x = self._points(x)
-        to_unit = self.frame.to_unit
-        d = self.character.d
-        far = ~(np.abs(x @ to_unit[:, :d].T + to_unit[:, d]) < FAR).all(axis=-1)
-        if far.any():
-            i = int(np.flatnonzero(far)[0])
-            raise ValueError(f"x[{i}] = {x[i].tolist()} is {FAR:g} times the character's size away, or more")
-        return self._posed(x, to_unit)
+        _check_near("x", x, self.frame.points(x))
+        return x
 
     def _completed(self, x: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """Distances in mesh units; to the posed skin where there is no canonical point."""
@@ -182,6 +183,14 @@ class PosedModel:
 
     def _at_rest(self, answer: Answer[np.ndarray]) -> np.ndarray:
         return answer.x_rest * self.character.L + rest_center(self.character)
+
+
+def _check_near(name: str, x: np.ndarray, x_unit: np.ndarray) -> None:
+    """Raise ValueError if a point is very far away in the unit frame."""
+    far = ~(np.abs(x_unit) < FAR).all(axis=-1)
+    if far.any():
+        i = int(np.flatnonzero(far)[0])
+        raise ValueError(f"{name}[{i}] = {x[i].tolist()} is {FAR:g} times the character's size away, or more")
 
 
 def check_pose_shape(character: Character, shape: tuple[int, ...]) -> None:

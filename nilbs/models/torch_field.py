@@ -23,8 +23,16 @@ if TYPE_CHECKING:
 CHUNK = 16_384
 
 
-def field_of(character: Character, method: Method, parameters: Mapping[str, np.ndarray], rest: RestState) -> Field:
-    """The field around the grids of a character, with these parameters.
+def field_of(
+    character: Character,
+    method: Method,
+    parameters: Mapping[str, np.ndarray],
+    rest: RestState,
+    *,
+    device: str | None = None,
+    dtype: torch.dtype | None = None,
+) -> Field:
+    """The field around the grids of a character, with these parameters; by default in their precision.
 
     Raises
     ------
@@ -32,8 +40,10 @@ def field_of(character: Character, method: Method, parameters: Mapping[str, np.n
         If the parameters are not those of a field of this method.
     """
     field = method.field_around(character, rest)
-    precision = next((a.dtype for a in parameters.values() if a.dtype.kind == "f"), np.dtype(np.float32))
-    field = field.to(torch.float64 if precision == np.float64 else torch.float32)
+    if dtype is None:
+        double = any(a.dtype == np.float64 for a in parameters.values())
+        dtype = torch.float64 if double else torch.float32
+    field = field.to(device=device, dtype=dtype)
     if parameters or not rest.arrays:  # trained, or nothing to train
         try:
             field.load_state_dict({name: torch.from_numpy(a) for name, a in parameters.items()})
@@ -70,10 +80,8 @@ class TorchEngine:
         x_unit = torch.from_numpy(x @ to_unit[:, :d].T + to_unit[:, d]).to(self.like)
         with torch.inference_mode():
             answers = [self.posed(chunk) for chunk in x_unit.split(CHUNK)]
-        level, distance, x_rest = (
-            torch.cat([answer[k] for answer in answers]).cpu().numpy()
-            for k in range(3)  # type: ignore[misc]
-        )
+        columns = zip(*(answer[:3] for answer in answers), strict=True)
+        level, distance, x_rest = (torch.cat(column).cpu().numpy() for column in columns)
         return Answer(level, distance, x_rest, answers[0].width)
 
     @property

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 import torch
 
+from nilbs.engine.unit_frame import at_rest
 from nilbs.fields import rest_state as rest_module
 from nilbs.fields.encoding import ParameterEncoding
 from nilbs.fields.forward_network import ForwardNetwork
 from nilbs.fields.rest_state import RestState, check_rest_state, rest_state
-from nilbs.engine.unit_frame import at_rest
 from nilbs.geometry.distance import signed_distance
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])

@@ -65,7 +65,10 @@ def test_what_is_left_open_fits_the_character(bones: int, steps: int, d: int, ce
     [
         (Nilbs, {"steps": 1.5}, ["steps", "int", "1.5"]),
         (Nilbs, {"steps": True}, ["steps", "int", "True"]),
-        (Nilbs, {"steps": 0}, ["steps", "0"]),
+        (Nilbs, {"steps": -1}, ["steps", "0", "-1"]),
+        (Mlp, {"steps": 0}, ["steps", "1", "0"]),
+        (Nilbs, {"steps": 0, "mapping": "inverse"}, ["'inverse'", "network", "0 steps"]),
+        (Paper, {"steps": 0}, ["'inverse'", "network", "0 steps"]),
         (Nasa, {"width": None}, ["width", "int", "None"]),
         (Mlp, {"noise": "0.1"}, ["noise", "float", "'0.1'"]),
         (Nilbs, {"encoding": 1}, ["encoding", "str", "1"]),
@@ -107,11 +110,12 @@ def test_settings_of_the_last_file_version_make_the_same_method() -> None:
         "method": "nilbs", "steps": 1200, "learning_rate": 0.01, "width": 96, "depth": 5, "poses_per_step": 64,
         "points_per_pose": 128, "samples_per_frame": 20_000, "noise": 0.006, "supervision": "volume", "shell": 0.01,
         "encoding": "local", "ghost": False, "forward": "grid", "occupancy_loss": 0.0, "weight_loss": 1.0,
-        "position_loss": 20.0, "random_pose_std": 0.8, "adaptive": True, "mapping": "parts", "cache_resolution": 64,
+        "position_loss": 20.0, "random_pose_std": 0.8, "adaptive": True, "mapping": "all-bones", "cache_resolution": 64,
         "weight_resolution": 32, "cache_width": 0.003, "seed": 3,
     }  # fmt: skip
     sizes = {"cache_resolution": 64, "weight_resolution": 32}
-    assert of_version_5(old) == Nilbs(steps=1200, ghost=False, occupancy_loss=0.0, mapping="parts", seed=3, **sizes)
+    again = Nilbs(steps=1200, ghost=False, occupancy_loss=0.0, mapping="all-bones", seed=3, **sizes)
+    assert of_version_5(old) == again
     paper = of_version_5(old | {"supervision": "paper", "mapping": "inverse"})
     assert paper == Paper(steps=1200, ghost=False, occupancy_loss=0.0, noise=0.0, seed=3, **sizes)
     nothing = dict.fromkeys(("steps", "learning_rate", "width", "depth", "poses_per_step", "points_per_pose"), 0)
@@ -133,7 +137,7 @@ def test_the_command_line_takes_the_choices_of_the_chosen_method(monkeypatch) ->
         return chosen_method(parser_of(words).parse_args(words))
 
     assert chosen("--method", "other", "--mapping", "down") == Other(mapping="down")
-    assert chosen("--mapping", "parts") == Nilbs(mapping="parts")
+    assert chosen("--mapping", "all-bones") == Nilbs(mapping="all-bones")
     with pytest.raises(ValueError, match="'down'"):
         chosen("--mapping", "down")
 

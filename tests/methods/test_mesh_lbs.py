@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.array_field import WIDTH
+from nilbs.engine.array_engine import WIDTH
 from nilbs.engine.unit_frame import UnitFrame
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.facets import is_watertight

@@ -5,11 +5,11 @@ import pytest
 import torch
 
 from nilbs.characters.character import Character
+from nilbs.engine.unit_frame import at_rest
 from nilbs.fields.field import like
 from nilbs.fields.objective import Objective
 from nilbs.fields.occupancy_term import OccupancyTerm
 from nilbs.fields.scene import Scene
-from nilbs.engine.unit_frame import at_rest
 from nilbs.fields.weight_term import ForwardWeightTerm, WeightTerm
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.rotations import transform_points

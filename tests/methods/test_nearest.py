@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.array_field import WIDTH, ArrayField
+from nilbs.engine.array_engine import WIDTH, ArrayEngine
+from nilbs.fields.array_field import ArrayField
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.facets import is_watertight
@@ -21,7 +22,7 @@ def bent(c, rng: np.random.Generator) -> np.ndarray:
 
 
 def answers(c, B: np.ndarray, x: np.ndarray):
-    return ArrayField(NearestVertex(c.V, c.F, c.W)).posed(torch.as_tensor(B))(torch.as_tensor(x))
+    return ArrayField(ArrayEngine(NearestVertex(c.V, c.F, c.W))).posed(torch.as_tensor(B))(torch.as_tensor(x))
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -79,7 +80,11 @@ def test_a_point_whose_blend_has_no_inverse_is_outside(d: int, characters) -> No
 
 def test_answers_have_the_type_of_the_module(characters) -> None:
     c = characters[3]
-    posed = ArrayField(NearestVertex(c.V, c.F, c.W)).float().posed(torch.eye(4).expand(len(c.skeleton.BE), 4, 4))
+    posed = (
+        ArrayField(ArrayEngine(NearestVertex(c.V, c.F, c.W)))
+        .float()
+        .posed(torch.eye(4).expand(len(c.skeleton.BE), 4, 4))
+    )
     answer = posed(torch.as_tensor(c.V).float())
     assert answer.level.dtype == answer.distance.dtype == answer.x_rest.dtype == torch.float32
     empty = posed(torch.zeros((0, 3)))

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.array_field import WIDTH, ArrayField
+from nilbs.engine.array_engine import WIDTH, ArrayEngine
+from nilbs.fields.array_field import ArrayField
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import node_levels
 from nilbs.geometry.grids import Grid
@@ -14,7 +15,7 @@ from nilbs.methods.rigid_parts.field import RigidPieces
 
 
 def rigid(c) -> ArrayField:
-    return ArrayField(RigidPieces(c.V, c.F, c.W, c.V_volume, c.W_volume))
+    return ArrayField(ArrayEngine(RigidPieces(c.V, c.F, c.W, c.V_volume, c.W_volume)))
 
 
 def bent(c, rng: np.random.Generator, std: float = 0.6) -> np.ndarray:
@@ -118,7 +119,7 @@ def test_two_parts_that_turn_apart_keep_their_shape() -> None:
     F = np.stack([np.arange(80), np.roll(np.arange(80), -1)], axis=1)
     W = np.stack([V[:, 0] < 0, V[:, 0] >= 0], axis=1).astype(float)
     turn = rigid_transforms(rotation_matrices(np.array([np.pi / 2])), np.zeros(2))
-    field = ArrayField(RigidPieces(V, F, W, np.zeros((0, 2)), np.zeros((0, 2))))
+    field = ArrayField(ArrayEngine(RigidPieces(V, F, W, np.zeros((0, 2)), np.zeros((0, 2)))))
     posed = field.posed(torch.as_tensor(np.stack([np.eye(3), turn])))
     x = torch.tensor([[-0.5, 0.0], [0.0, 0.5], [0.5, 0.0], [0.0, -0.5]], dtype=torch.float64)
     answer = posed(x)

@@ -134,7 +134,7 @@ def test_a_motion_of_another_rig_is_refused(bar, characters) -> None:
 
 
 def test_a_training_is_as_long_as_its_rig_asks_for(characters, monkeypatch) -> None:
-    monkeypatch.setattr("nilbs.models.fitting.train", lambda *args, steps, **options: np.zeros(steps))
+    monkeypatch.setattr("nilbs.fields.training.train", lambda *args, steps, **options: np.zeros(steps))
     for d, bones in ((2, 13), (3, 3)):
         model = fit(characters[d], random_motion(characters[d], frames=2), TINY, steps=None)
         assert model.method.steps == len(model.history) == 1000 + 100 * bones
@@ -225,8 +225,7 @@ SLOWLY = f"""
 import functools, sys, time
 import torch
 import nilbs.fields.objective
-import nilbs.app.commands.train
-import nilbs.models.fitting
+import nilbs.fields.training
 from nilbs.app.main import main
 from nilbs.fields.objective import Objective
 
@@ -234,7 +233,7 @@ nilbs.fields.objective.REFRESH = {REFRESH}
 torch.set_num_threads(1)
 loss = Objective.__call__
 Objective.__call__ = lambda self, step: (time.sleep(0.05), loss(self, step))[1]
-nilbs.models.fitting.train = functools.partial(nilbs.models.fitting.train, save_seconds=0.0)
+nilbs.fields.training.train = functools.partial(nilbs.fields.training.train, save_seconds=0.0)
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -331,7 +330,7 @@ def test_the_trial_of_a_slow_training_is_short(bar, monkeypatch) -> None:
 
     asked: list[int] = []
     monkeypatch.setattr("nilbs.models.fitting.perf_counter", lambda: float(next(clock)))
-    monkeypatch.setattr("nilbs.models.fitting.train", slow)
+    monkeypatch.setattr("nilbs.fields.training.train", slow)
     # A step takes 9 s: after three there is little left of a tenth of the 300.
     steps = fit(*bar, replace(MLP, steps=None), minutes=5).method.steps
     assert asked == [1, 2, 4, steps]
@@ -354,6 +353,76 @@ def test_what_learns_nothing_says_so(bar) -> None:
     said: list[str] = []
     fit(*bar, "nearest", device="cpu", report=said.append)
     assert said == ["the method nearest learns nothing: there is no training"]
+
+
+def test_without_steps_there_is_no_network(bar, tmp_path: Path) -> None:
+    said: list[str] = []
+    model = fit(*bar, TINY, steps=0, report=said.append)
+    assert said == ["0 steps: the model has no network"]
+    assert (model.method.steps, len(model.history), dict(model.parameters)) == (0, 0, {})
+    trained = fit(*bar, TINY)
+    for name, array in trained.rest.arrays.items():
+        np.testing.assert_array_equal(model.rest.arrays[name], array)
+    x, pose = bar[0].V + 0.01, bar[1][2]
+    # The default search needs no network, and is the same with one.
+    for answer in ("occupancy", "distance", "posed_distance", "rest_points", "posed_points"):
+        np.testing.assert_array_equal(getattr(model, answer)(x, pose), getattr(trained, answer)(x, pose))
+    assert model.occupancy(x, pose, mapping="all-bones").shape == (4,)
+    for mapping in ("one-search", "fixed-point", "inverse", "reverse"):
+        with pytest.raises(
+            ValueError, match=f"^the mapping '{mapping}' needs a network, and with 0 steps there is none$"
+        ):
+            model.occupancy(x, pose, mapping=mapping)
+    with pytest.raises(ValueError, match=r"^training had 0 steps: there is no network$"):
+        model.weights(x, pose)
+    model.save(tmp_path / "grids.nilbs")
+    again = load_model(tmp_path / "grids.nilbs")
+    assert again.method == model.method
+    np.testing.assert_array_equal(again.occupancy(x, pose), model.occupancy(x, pose))
+
+
+@pytest.mark.parametrize("method", ["paper", replace(TINY, mapping="inverse")])
+def test_a_model_whose_own_mapping_needs_a_network_has_one(method, bar) -> None:
+    with pytest.raises(ValueError, match=r"^the mapping 'inverse' needs a network, and with 0 steps there is none$"):
+        fit(*bar, method, steps=0)
+    assert fit(*bar, method, steps=0, mapping="search").method.mapping == "search"
+
+
+@pytest.mark.parametrize("method", ["nasa", "snarf", "mlp"])
+def test_what_is_a_network_alone_has_steps(method: str, bar) -> None:
+    with pytest.raises(ValueError, match=r"^steps must lie between 1 and 1e\+09, got 0$"):
+        fit(*bar, method, steps=0)
+
+
+@pytest.mark.parametrize("method", [TINY, "nearest"])
+def test_device_and_precision_are_checked_before_the_work(method, bar, monkeypatch) -> None:
+    monkeypatch.setattr("nilbs.methods.nilbs.Nilbs.rest", lambda self, character: pytest.fail("the work began"))
+    settings = {} if method == "nearest" else {"steps": 0}
+    for changes in ({}, settings):
+        with pytest.raises(ValueError, match=r"^torch cannot use the device 'abacus'"):
+            fit(*bar, method, device="abacus", **changes)
+        with pytest.raises(ValueError, match=r"^dtype must be"):
+            fit(*bar, method, dtype=torch.float16, **changes)
+
+
+def test_without_steps_too_precision_is_what_was_asked_for(bar) -> None:
+    model = fit(*bar, TINY, steps=0, dtype=torch.float64)
+    assert model.occupancy(bar[0].V, bar[1][0]).dtype == np.float64
+    assert model.engine() is None
+
+
+@pytest.mark.parametrize(("method", "changes"), [(TINY, {"steps": 0}), ("nearest", {})])
+def test_what_does_not_train_leaves_the_checkpoint_of_another_training(
+    method, changes: dict, bar, tmp_path: Path, monkeypatch
+) -> None:
+    path = tmp_path / "a.checkpoint"
+    with monkeypatch.context() as patch:
+        watched(patch, interrupt_at=REFRESH)
+        with pytest.raises(KeyboardInterrupt):
+            fit(*bar, TINY, checkpoint=path)
+    with pytest.raises(FileFormatError, match="belongs to a training with other files or settings"):
+        fit(*bar, method, checkpoint=path, resume=True, **changes)
+    assert path.exists()
 
 
 @pytest.mark.parametrize(

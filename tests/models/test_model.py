@@ -2,14 +2,24 @@ import numpy as np
 import pytest
 import torch
 
+from nilbs.characters.motion import random_motion
+from nilbs.engine.lattice import SHELL
 from nilbs.engine.unit_frame import rest_center
+from nilbs.fields.search import SearchField
+from nilbs.geometry.distance import closest_points, signed_distance
 from nilbs.geometry.rotations import transform_points
 from nilbs.geometry.skinning import inverse_linear_blend_skinning, linear_blend_skinning
+from nilbs.methods.registry import method_of
+from nilbs.models.fitting import fit
 from nilbs.models.model import load_model
 from nilbs.models.torch_field import torch_device
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
 ANSWERS = ("occupancy", "distance", "weights")
+SMALL = {
+    "width": 8, "depth": 2, "poses_per_step": 2, "points_per_pose": 32, "samples_per_frame": 50,
+    "cache_resolution": 16, "weight_resolution": 16,
+}  # fmt: skip
 
 
 @DIMENSIONS
@@ -78,16 +88,87 @@ def test_in_double_precision_a_rigid_motion_changes_nothing(d: int, saved, queri
 def test_tensors_are_answered_as_arrays_are(d: int, models, queries) -> None:
     model = models[d]
     x, pose = queries(model, 200)
-    for mapping in ("search", "inverse"):
+    for mapping in ("search", "one-search", "inverse"):
         answer = model.answer(*map(torch.as_tensor, (x, pose)), mapping=mapping)
-        np.testing.assert_allclose(
-            answer.distance.numpy(force=True), model.distance(x, pose, mapping=mapping), atol=1e-5
-        )
-        np.testing.assert_allclose(
-            answer.x_rest.numpy(force=True), model.rest_points(x, pose, mapping=mapping), atol=1e-4
-        )
+        distance, x_rest = answer.distance.numpy(force=True), answer.x_rest.numpy(force=True)
         occupancy = answer.occupancy.numpy(force=True)
         np.testing.assert_allclose(occupancy, model.occupancy(x, pose, mapping=mapping), atol=1e-3)
+        found = np.isfinite(model.rest_points(x, pose, mapping=mapping)).all(axis=1)
+        assert (mapping == "search") == (not found.all())
+        # Without a canonical point there is only a bound.
+        assert (distance[~found] > 0).all()
+        if mapping == "search":  # of several canonical points outside the two may find different ones
+            found &= distance < SHELL * model.character.L
+            assert np.count_nonzero(found) >= 8
+        atol = 1e-4 if mapping == "search" else 1e-5
+        np.testing.assert_allclose(distance[found], model.distance(x, pose, mapping=mapping)[found], atol=atol)
+        np.testing.assert_allclose(x_rest[found], model.rest_points(x, pose, mapping=mapping)[found], atol=10 * atol)
+
+
+@DIMENSIONS
+def test_without_a_canonical_point_the_distance_is_that_of_the_posed_skin(d: int, models, queries) -> None:
+    model = models[d]
+    c = model.character
+    x, pose = queries(model, 400)
+    missing = np.isnan(model.rest_points(x, pose)).any(axis=1)
+    assert 0.2 < missing.mean() < 0.9
+    assert np.isnan(model.rest_points(x, pose)[missing]).all()
+    assert (model.occupancy(x, pose)[missing] == 0).all()
+    true = signed_distance(c.skin(pose), c.F, x)
+    np.testing.assert_allclose(model.distance(x, pose)[missing], true[missing], atol=1e-6 * c.L)
+    # Where there is one, it is that of the rest shape.
+    assert np.abs(model.distance(x, pose) - true)[~missing].max() > 1e-3 * c.L
+
+
+@DIMENSIONS
+def test_distances_to_the_posed_skin_are_those_of_the_mesh(d: int, models, queries) -> None:
+    model = models[d]
+    c = model.character
+    x, pose = queries(model, 400)
+    x = np.concatenate([x, c.skin(pose) + 0.01 * c.L, 1e7 * x[:3]])
+    distance, _, point = closest_points(c.skin(pose), c.F, x)
+    found = model.closest_points(x, pose)
+    np.testing.assert_allclose(found.distance, distance, rtol=1e-9, atol=1e-9 * c.L)
+    np.testing.assert_allclose(found.point[:-3], point[:-3], atol=1e-7 * c.L)
+    corners = np.einsum("nk,nkd->nd", found.barycentric, c.skin(pose)[c.F[found.facet]])
+    np.testing.assert_allclose(corners, found.point, atol=1e-9 * c.L)
+    x = x[:-3]
+    for mapping in (None, "inverse"):
+        length = model.posed_distance(x, pose, mapping=mapping)
+        np.testing.assert_allclose(np.abs(length), distance[:-3], atol=1e-9 * c.L)
+        np.testing.assert_array_equal(length < 0, model.occupancy(x, pose, mapping=mapping) > 0.5)
+
+
+@DIMENSIONS
+def test_the_engine_answers_the_default_search_and_the_field_all_else(d: int, saved, queries) -> None:
+    model = load_model(saved[d])
+    x, pose = queries(model, 100)
+    for answer in (model.occupancy, model.distance, model.posed_distance, model.rest_points, model.posed_points):
+        answer(x, pose)
+    model.extract(pose, resolution=10)
+    assert "field" not in vars(model)
+    assert model.engine() is model.engine("search")
+    for mapping in ("one-search", "all-bones", "inverse"):
+        assert model.engine(mapping) is None
+    single = model.occupancy(x, pose)
+    # In double precision the field answers, and back in single precision the engine again.
+    double = model.to(dtype=torch.float64).occupancy(x, pose)
+    assert model.engine() is None
+    np.testing.assert_allclose(double, single, atol=1e-3)
+    assert np.abs(double - single).max() > 0
+    model.to(dtype=torch.float32, device="cpu")
+    np.testing.assert_array_equal(model.occupancy(x, pose), single)
+
+
+@DIMENSIONS
+def test_a_second_forward_network_is_searched_in_torch(d: int, characters, queries) -> None:
+    c = characters[d]
+    method = method_of("nilbs", steps=2, forward="network", **SMALL)
+    model = fit(c, random_motion(c, frames=4), method, device="cpu")
+    assert model.engine() is None
+    x, pose = queries(model, 50)
+    assert model.occupancy(x, pose).shape == (50,)
+    assert isinstance(model.posed(pose)._source, SearchField)
 
 
 @DIMENSIONS

@@ -48,7 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"rms local rotation of every bone but the roots in random motion (default {AMPLITUDE})",
     )
     length = parser.add_mutually_exclusive_group()
-    length.add_argument("--steps", type=whole(1), metavar="N", help="training steps")
+    length.add_argument(
+        "--steps",
+        type=whole(0),
+        metavar="N",
+        help="training steps; 0, of nilbs and paper: the grids, no network",
+    )
     length.add_argument(
         "--minutes", type=positive, metavar="M", help="as many training steps as fit into this time on this machine"
     )
