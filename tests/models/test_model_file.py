@@ -264,12 +264,15 @@ def put_parameters(contents: dict, name: str, shape: tuple[int, ...]) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c["field.forward_field.node"].fill(10**9), "out of bounds"),
-        (lambda c: c["field.forward_field.bone"].fill(99), "out of bounds"),
-        (lambda c: c["field.forward_field.first"].fill(0), ""),
+        (lambda c: c["field.forward_field.node"].fill(10**9), "a node of the rest weights does not exist"),
+        (lambda c: c["field.forward_field.bone"].fill(99), "a bone of the rest weights does not exist"),
+        (lambda c: c["field.forward_field.first"].fill(0), "the rows of rest weights do not follow each other"),
+        (lambda c: c["field.forward_field.weight"].fill(1e38), "the rest weights of a node do not sum to one"),
+        (lambda c: stored(c, "forward_field.row", np.int64), "must be stored as 32-bit integers"),
+        (lambda c: stored(c, "inverse.cache.values", np.int64), "values must be stored as floating-point numbers"),
         (lambda c: c.pop("field.forward_field.row"), "row"),
-        (lambda c: c.update({"field.inverse.cache.values": c["field.inverse.cache.values"][:5]}), ""),
-        (lambda c: c["field.inverse.cache.brick"].fill(10**6), ""),
+        (lambda c: cut(c, "inverse.cache.values", 5), "the grid and its bricks have"),
+        (lambda c: c["field.inverse.cache.brick"].fill(10**6), "the grid and its bricks have"),
     ],
 )
 def test_broken_grids_of_the_last_version_are_refused(change, message: str, tmp_path: Path) -> None:

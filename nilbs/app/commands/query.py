@@ -13,15 +13,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--closest",
         action="store_true",
-        help="closest places on the posed skin instead: signed distance to it, facet, barycentric coordinates, place and "
-        "outward normal of each point, arrays of these names in an .npz file",
+        help="closest places on the posed skin instead: signed distance to it, facet, barycentric coordinates, place "
+        "and outward normal of each point, arrays of these names in an .npz file",
     )
     parser.add_argument(
         "--distance",
         action="store_true",
         help="signed distance of the rest shape at the canonical points, in mesh units, negative inside; not occupancy",
     )
-    parser.add_argument("-o", "--output", metavar="FILE", required=True, help="the (n,) values to write, .npy; with --closest .npz")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", required=True, help="the (n,) values to write, .npy; with --closest .npz"
+    )
     add_device(parser)
     add_json(parser)
 
