@@ -7,6 +7,7 @@ in a forked process, so that an engine may be used from several threads, after f
 import hashlib
 import os
 import sys
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -85,9 +86,13 @@ def threads() -> int:
 
 
 def in_pieces(function: Callable[[int, int], Any], n: int, *, piece: int) -> None:
-    """Call a function of (begin, end) for pieces of the range n, on all threads."""
+    """Call a function of (begin, end) for pieces of the range n, on all threads.
+
+    Inside a piece further pieces are called one after the other: a thread that waits for others of the same threads
+    may wait forever.
+    """
     pieces = [(begin, min(begin + piece, n)) for begin in range(0, n, piece)]
-    if threads() == 1 or len(pieces) < 2:
+    if len(pieces) < 2 or getattr(_thread, "has_piece", False) or threads() == 1:
         for begin, end in pieces:
             function(begin, end)
         return
@@ -95,13 +100,28 @@ def in_pieces(function: Callable[[int, int], Any], n: int, *, piece: int) -> Non
         done.result()
 
 
+def each(function: Callable[[int], Any], count: int) -> None:
+    """Call a function of k for k = 0 .. count-1, which calls `in_pieces` itself.
+
+    If there are as many calls as threads, each runs on one thread; else one after the other on all.
+    """
+    if count >= threads():
+        in_pieces(lambda begin, end: function(begin), count, piece=1)
+        return
+    for k in range(count):
+        function(k)
+
+
 _threads: int | None = None
+_thread = threading.local()
 
 
 @cache
 def _pool(process: int, count: int) -> ThreadPoolExecutor:
     """The threads of a process; a forked one has its own."""
-    return ThreadPoolExecutor(count, thread_name_prefix="nilbs")
+    return ThreadPoolExecutor(
+        count, thread_name_prefix="nilbs", initializer=setattr, initargs=(_thread, "has_piece", True)
+    )
 
 
 @cache

@@ -11,6 +11,7 @@ import numpy as np
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
 from nilbs.engine.answer import Answer, Engine
+from nilbs.engine.derivatives import SkinGradients
 from nilbs.engine.rest_state import RestState
 from nilbs.engine.skinning import SparseSkinning
 from nilbs.engine.surface_tree import ClosestPoints, SurfaceTree
@@ -40,9 +41,12 @@ class Model:
     - pose: (b, d+1, d+1) float array of bone transforms, rest to posed;
     - mapping: the way to the canonical points, one of `method.mappings`; by default the method's own.
 
-    They raise ValueError if x or pose has another shape or a number that is not finite, a bone's transform is singular
-    or very far from the root, the method has no such mapping, or it has not what is queried. What the compiled engine
-    or arrays answer needs no torch: the default search, and the baselines that learn nothing.
+    All but `extract` also take p poses at once, faster than one by one: points (p, n, d), n for each pose, and poses
+    (p, b, d+1, d+1). Results then are (p, n), (p, n, d) and so on. Every thread works on poses of its own.
+
+    They raise ValueError if x or pose has another shape, they disagree on p, a number is not finite, a bone's transform
+    is singular or very far from the root, the method has no such mapping, or it has not what is queried. What the
+    compiled engine or arrays answer needs no torch: the default search, and the baselines that learn nothing.
 
     Attributes
     ----------
@@ -106,6 +110,11 @@ class Model:
         """The tree of the mesh's facets for closest points."""
         return SurfaceTree(self.character.V, self.character.F)
 
+    @cached_property
+    def skin_gradients(self) -> SkinGradients:
+        """Derivatives of distances to the posed mesh."""
+        return SkinGradients(self.character.V, self.character.F, self.character.W)
+
     @property
     def config(self) -> dict[str, Any]:
         """Settings of the training and where its motion came from, as JSON holds them."""
@@ -122,7 +131,7 @@ class Model:
         return root_bone(self.character)
 
     def posed(self, pose: np.ndarray, *, mapping: str | None = None, ghost: bool = True) -> PosedModel:
-        """The model in one pose, which is cheaper to query repeatedly than the model itself.
+        """The model in one pose, which is cheaper to query repeatedly than the model itself, or in several.
 
         Without the ghost bone (`ghost` False) the mappings "inverse" and "reverse" are eq. 7, with it eq. 8.
         """
@@ -205,12 +214,19 @@ class Model:
         resolution : int
             Cells along each edge of the cube around the posed character.
 
+        Raises
+        ------
+        ValueError
+            As for all queries, and if there are several poses.
+
         Returns
         -------
         surface : Surface
             Vertices U (n, d), in mesh units, and facets F (m, d), triangles or edges, oriented outward:
             `U, F = model.extract(pose)`, or `model.extract(pose).to_trimesh()`.
         """
+        if np.ndim(pose) == 4:
+            raise ValueError("pose must be (b, d+1, d+1): a surface is extracted in one pose; extract each by itself")
         posed = self.posed(pose)
         return posed.extract_on(Grid.cube(posed.U, resolution))
 
@@ -219,9 +235,9 @@ class Model:
 
         Parameters
         ----------
-        x : (n, d) tensor
+        x : (n, d) or (p, n, d) tensor
             Posed points, in mesh units, on any device; the answer is on the field's.
-        pose : (b, d+1, d+1) tensor
+        pose : (b, d+1, d+1) or (p, b, d+1, d+1) tensor
             Bone transforms, rest to posed.
         mapping
             As for all queries.
@@ -229,8 +245,11 @@ class Model:
         Returns
         -------
         answer : Answer
-            In mesh units. Derivatives are of first order; those of a root follow from the implicit function theorem.
-            The methods nearest, rigid-parts and mesh-lbs have none.
+            In mesh units. Derivatives are of first order. Those of a root follow from the implicit function theorem. By
+            the default mapping a point without a canonical point has the distance to the posed skin, with its
+            derivatives, also as level; its canonical point is nan and has none. The compiled engine answers in the
+            higher precision of x and pose; another mapping, or a field that was moved, in that of the field. The
+            methods nearest, rigid-parts and mesh-lbs have no derivatives.
         """
         from nilbs.models.torch_field import differentiable_answer
 

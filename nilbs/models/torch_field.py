@@ -1,20 +1,25 @@
 """The field of a model in torch: where there is no engine, and where derivatives are asked for."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from nilbs.characters.character import Character
 from nilbs.engine.answer import Answer
+from nilbs.engine.compiled import each
+from nilbs.engine.derivatives import root_gradients
 from nilbs.engine.rest_state import RestState
+from nilbs.engine.search import SearchEngine
+from nilbs.engine.surface_tree import ClosestPoints
 from nilbs.engine.unit_frame import UnitFrame, rest_center
 from nilbs.fields.field import Field, like
 from nilbs.fields.search import SearchField
 from nilbs.methods.base import Method
-from nilbs.models.posed_model import check_pose_shape
+from nilbs.models.posed_model import check_near, check_pose_shape
 
 if TYPE_CHECKING:
     from nilbs.models.model import Model
@@ -138,14 +143,98 @@ def differentiable_answer(model: "Model", x: Tensor, pose: Tensor, mapping: str 
             raise ValueError(f"{name} must be a tensor of {kinds}, got {getattr(tensor, 'dtype', None)}")
         if not bool(torch.isfinite(tensor).all()):
             raise ValueError(f"{name} has numbers that are not finite")
-    if x.ndim != 2 or x.shape[1] != d:
-        raise ValueError(f"x must be (n, {d}), got {tuple(x.shape)}")
     check_pose_shape(c, tuple(pose.shape))
+    poses = tuple(pose.shape[:-3])
+    if x.ndim != 2 + len(poses) or tuple(x.shape[:-2]) != poses or x.shape[-1] != d:
+        letters = f"(p, n, d) = ({poses[0]}, n, {d})" if poses else f"(n, {d})"
+        raise ValueError(f"x must be {letters}, got {tuple(x.shape)}")
     model.method.check_mapping(mapping)
+    engine = model.engine(mapping)
+    if isinstance(engine, SearchEngine):
+        return _engine_answer(model, engine, x, pose)
     frame, as_field = UnitFrame(c, pose), like(model.field)
-    posed = model.method.posed(model.field, frame.B.to(as_field), mapping)
+    x_unit, B = frame.points(x.to(pose)).to(as_field), frame.B.to(as_field)
     center = torch.as_tensor(rest_center(c)).to(as_field)
-    return posed(frame.points(x.to(pose)).to(as_field)).in_mesh_units(c.L, center)
+    answers = [model.method.posed(model.field, B[k], mapping)(x_unit[k]) for k in np.ndindex(poses)]
+    if not poses:
+        return answers[0].in_mesh_units(c.L, center)
+    if not answers:  # of no pose
+        return Answer(x_unit[..., 0], x_unit[..., 0], x_unit)
+    level, distance, x_rest = map(torch.stack, zip(*(answer[:3] for answer in answers), strict=True))
+    return Answer(level, distance, x_rest, answers[0].width).in_mesh_units(c.L, center)
+
+
+def _engine_answer(model: "Model", engine: SearchEngine, x: Tensor, pose: Tensor) -> Answer[Tensor]:
+    """The answer of the compiled search at points and in poses whose shapes fit."""
+    c, precision = model.character, torch.promote_types(x.dtype, pose.dtype)
+    x, pose = (tensor.to("cpu", torch.float64) for tensor in (x, pose))
+    frame = UnitFrame(c, pose)
+    check_near("x", x, frame.points(x.detach()).detach())
+    given = (x, pose, frame.to_unit, frame.B)
+    distance, x_rest = _Search.apply(model, engine, *(given if pose.ndim == 4 else (tensor[None] for tensor in given)))
+    if pose.ndim == 3:
+        distance, x_rest = distance[0], x_rest[0]
+    center = torch.as_tensor(rest_center(c))
+    level, distance, x_rest, width = Answer(distance, distance, x_rest, engine.width).in_mesh_units(c.L, center)
+    return Answer(level.to(precision), distance.to(precision), x_rest.to(precision), width)
+
+
+class _Outside(NamedTuple):
+    """Points of a pose without a canonical point: which they are, and their closest places, in mesh units."""
+
+    which: np.ndarray
+    places: ClosestPoints
+
+
+class _Search(torch.autograd.Function):
+    """Distances (p, n) and canonical points (p, n, d) in the unit frame, by the compiled search.
+
+    Poses (p, b, d+1, d+1) are given in mesh units, where the posed skin is, and in the unit frame. Transforms
+    (p, d, d+1) move the points (p, n, d) there.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any, model: "Model", engine: SearchEngine, x: Tensor, pose: Tensor, to_unit: Tensor, B: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Answers; what `backward` needs is kept."""
+        (p, n, d), L = x.shape, model.character.L
+        points, poses, moves, unit_poses = (tensor.detach().numpy() for tensor in (x, pose, to_unit, B))
+        distance, x_rest = np.empty((p, n)), np.empty((p, n, d), dtype=np.float32)
+        outside: dict[int, _Outside] = {}
+
+        def answer(k: int) -> None:
+            distance[k], _, x_rest[k], _ = engine(unit_poses[k])(points[k], moves[k])
+            which = np.flatnonzero(np.isposinf(distance[k]))
+            if len(which):
+                places = model.surface_tree.posed(model.skinning.posed(poses[k])).closest(points[k][which])
+                distance[k][which] = places.distance / L
+                outside[k] = _Outside(which, places)
+
+        each(answer, p)
+        ctx.model, ctx.engine, ctx.x_rest, ctx.outside = model, engine, x_rest, outside
+        ctx.save_for_backward(x, to_unit, B)
+        return torch.from_numpy(distance), torch.from_numpy(x_rest.astype(np.float64))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
+        """Gradients by points and poses, of each pose by itself."""
+        of_distance, of_x_rest, x, to_unit, B = (tensor.numpy() for tensor in (*gradients, *ctx.saved_tensors))
+        d, L = x.shape[-1], ctx.model.character.L
+        by_x, by_pose, by_to_unit, by_B = (np.zeros(array.shape) for array in (x, B, to_unit, B))
+
+        def add(k: int) -> None:
+            by_x_unit, by_B[k] = root_gradients(ctx.engine, B[k], ctx.x_rest[k], of_distance[k], of_x_rest[k])
+            by_x[k] = by_x_unit @ to_unit[k, :, :d]
+            # Not by a library, which might add in another order on more threads.
+            by_to_unit[k, :, :d], by_to_unit[k, :, d] = np.einsum("ni,nj->ij", by_x_unit, x[k]), by_x_unit.sum(axis=0)
+            if k in ctx.outside:
+                which, places = ctx.outside[k]
+                by_x[k][which], by_pose[k] = ctx.model.skin_gradients(x[k][which], places, of_distance[k][which] / L)
+
+        each(add, len(B))
+        return None, None, *(torch.from_numpy(found) for found in (by_x, by_pose, by_to_unit, by_B))
 
 
 def torch_device(name: str) -> str:
