@@ -1,4 +1,4 @@
-"""What importing loads: the promise that geometry and files need neither torch nor trimesh."""
+"""What importing loads: the promise that geometry and files need neither torch nor trimesh, and queries no torch."""
 
 import ast
 import pkgutil
@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 
 import nilbs
+import nilbs.characters
+import nilbs.engine
 import nilbs.geometry
 import nilbs.io
+import nilbs.models
 
 
 def submodules(package) -> list[str]:
@@ -33,6 +36,15 @@ def test_geometry_and_files_import_without_torch_and_trimesh() -> None:
     blocked = "import sys; sys.modules['torch'] = sys.modules['trimesh'] = None; "
     loaded = python(f"{blocked}import {', '.join(names)}; print(*sys.modules)").split()
     assert set(names) <= set(loaded)
+
+
+def test_what_answers_queries_imports_without_torch() -> None:
+    names = [name for package in (nilbs.characters, nilbs.engine, nilbs.models) for name in submodules(package)]
+    names.remove("nilbs.models.torch_field")
+    assert {"nilbs.engine.search", "nilbs.models.model", "nilbs.models.fitting"} <= set(names)
+    methods = "from nilbs.methods.registry import all_methods; all_methods(); "
+    loaded = python(f"import sys; sys.modules['torch'] = None; import {', '.join(names)}; {methods}print(*sys.modules)")
+    assert set(names) <= set(loaded.split())
 
 
 # What each folder may import of the others, in functions and for types too; itself besides.

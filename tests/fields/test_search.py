@@ -275,13 +275,14 @@ def test_one_search_alone_misses_what_all_bones_find(d: int, rng: np.random.Gene
     x = torch.as_tensor(posed(x_rest, B))
     found, look_ups = {}, {}
     with torch.no_grad():
-        for mapping in ("search", "parts", "one-search", "all-bones"):
+        for mapping in ("search", "one-search", "all-bones"):
             in_pose = field.posed(B, mapping)
             found[mapping] = (in_pose(x).level < 0).double().mean()
             look_ups[mapping] = in_pose.evaluations / in_pose.queries
-    assert found["search"] == found["parts"] == found["all-bones"] == 1
+    assert found["search"] == found["all-bones"] == 1
     assert found["one-search"] < 0.99
-    assert look_ups["one-search"] < look_ups["search"]
+    assert 1 < look_ups["one-search"] <= ITERATIONS + 2  # one by the network
+    assert 1 < look_ups["search"] < look_ups["all-bones"]
 
 
 @pytest.mark.parametrize("d", [2, 3])
