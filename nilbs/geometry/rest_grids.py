@@ -1,14 +1,14 @@
 """The rest pose on grids: signed distance whose zero is the surface, and weights that continue beyond it."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from nilbs.geometry.distance import closest_points
-from nilbs.geometry.facets import facet_areas
-from nilbs.geometry.grids import Grid
+from nilbs.geometry.facets import facet_areas, facet_normals
+from nilbs.geometry.grids import Grid, cell_corners
 from nilbs.geometry.interpolation import facet_shares, volume_shares
 from nilbs.geometry.sampling import facet_samples
 from nilbs.geometry.topology import group_labels, ridges
@@ -23,6 +23,8 @@ COARSEST = 4
 SAMPLES, MOST_SAMPLES = 8, 2**21
 # Of the fit of bricks to the surface; damping in samples that lie about a node on average.
 ROUNDS, DAMPING = 4, 0.05
+# In cells: what lies this far on either side of a surface shows which side is the inside.
+NEAR = 0.02
 NOTHING = np.empty(0, dtype=np.int64), np.empty(0)
 
 
@@ -81,7 +83,8 @@ def distance_bricks(
     The edge of a cell is divided in parts[0] parts, of those cells that need it in parts[1] and so on; the (parts +
     1)^d nodes of a divided cell are a brick. All cells in which samples of the surface lie are divided once. A cell of
     a brick is divided if the distance at the samples in it, which should be zero, is more than `tolerance` on average.
-    If that gives more than `most` values, cells are divided that hold the largest errors.
+    If that gives more than `most` values, cells are divided that hold the largest errors. A surface within the body
+    does not count.
 
     Notes
     -----
@@ -106,44 +109,114 @@ def distance_bricks(
     d, cells = coarse.ndim, np.array(grid.shape) - 1
     density = SAMPLES * facet_areas(V, F).sum() / grid.spacing ** (d - 1)
     wanted = np.minimum(density * np.cumprod(parts, dtype=float) ** (d - 1), MOST_SAMPLES).astype(int) + 1
-    x = facet_samples(V, F, int(wanted.max(initial=0)), rng=rng)[0] if len(F) else np.empty((0, d))
-    within = (x - grid.origin) / grid.spacing
-    order = np.flatnonzero(((within >= 0) & (within <= cells)).all(axis=1))  # a sample's number: random, ascending
-    within, cell = _split(within[order], cells)
-    chosen, which = np.unique(np.ravel_multi_index(tuple(cell.T), cells), return_inverse=True)
-    chosen = np.stack(np.unravel_index(chosen, cells), axis=-1)
+    samples, chosen = _Samples.of(V, F, int(wanted.max(initial=0)) if len(F) else 0, grid, rng)
     brick = _numbered(tuple(cells), chosen) if len(parts) else np.full(cells, -1, dtype=np.int32)
     values, finer = [coarse.ravel()], [np.empty(0, dtype=np.int32)]
-    known = np.empty(0, dtype=np.int64), np.empty(0)
+    known = NOTHING
     for division, part in enumerate(parts):
         grid = Grid(grid.origin, grid.spacing / part, tuple(part * cells + 1))
         # Bricks side by side share their nodes, and those of the brick that is divided are known.
         node, row = np.unique(_brick_nodes(chosen, part, grid), return_inverse=True)
         exact = _exact(V, F, grid, node, (_scaled(known[0], part, tuple(cells + 1), grid.shape), known[1]))
-        known, cells = (node, exact), part * cells
-        within, cell = _split(part * within, np.full(d, part))
-        used = order < wanted[division]
-        A = _interpolation(row.reshape(-1, *(part + 1,) * d), which[used], cell[used], within[used], len(node))
+        known, cells, row = (node, exact), part * cells, row.reshape(-1, *(part + 1,) * d)
+        samples, cell = samples.divided(part)
+        corners = cell_corners(exact[row] < 0, d)
+        crossed = np.any(corners, axis=0) & ~np.all(corners, axis=0)
+        kept = samples.on_border(V, F, cell, crossed.ravel(), NEAR * grid.spacing)
+        samples, cell = samples.some(kept), cell[kept]
+        A, cell_of = samples.interpolation(row, len(node), wanted[division])
         fitted = _fitted(A, exact, grid.spacing)
         if division == len(parts) - 1:
             values.append(fitted[row.ravel()])
             break
-        cell_of = which * part**d + np.ravel_multi_index(tuple(cell.T), (part,) * d)
-        count = len(chosen) * part**d
-        missed = np.bincount(cell_of[used], np.abs(A @ fitted), minlength=count)
-        again = missed > tolerance * np.bincount(cell_of[used], minlength=count)
+        missed, count = (np.bincount(cell_of, errors, minlength=crossed.size) for errors in (np.abs(A @ fitted), None))
         room = (most - sum(map(len, values)) - row.size) // (parts[division + 1] + 1) ** d
+        again = missed > tolerance * count
         if again.sum() > room:
-            again[np.argsort(missed)[: count - max(room, 0)]] = False
-        number = np.where(again, np.cumsum(again) - 1, -1).astype(np.int32)
+            again[np.argsort(missed)[: again.size - max(room, 0)]] = False
         # Cells that are divided are not read.
-        values.append(_fitted(A[~again[cell_of[used]]], exact, grid.spacing)[row.ravel()])
+        values.append(_fitted(A[~again[cell_of]], exact, grid.spacing)[row.ravel()])
+        number = np.where(again, np.cumsum(again) - 1, -1).astype(np.int32)
         finer.append(number)
-        divided = np.flatnonzero(again)
-        chosen = part * chosen[divided // part**d] + np.stack(np.unravel_index(divided % part**d, (part,) * d), axis=-1)
-        which = number[cell_of]
-        order, within, which = (a[which >= 0] for a in (order, within, which))
+        divided = np.argwhere(again.reshape(crossed.shape))
+        chosen = part * chosen[divided[:, 0]] + divided[:, 1:]
+        samples = samples._replace(brick=number[cell]).some(again[cell])
     return Bricks(np.concatenate(values), brick, np.concatenate(finer))
+
+
+class _Samples(NamedTuple):
+    """Random points (p, d) of a surface in bricks, in random order; those of lower `number` are fewer, but as even."""
+
+    number: np.ndarray
+    x: np.ndarray
+    facet: np.ndarray
+    brick: np.ndarray
+    cell: np.ndarray  # (p, d) of the brick
+    share: np.ndarray  # (p, d) of the way through that cell
+
+    @classmethod
+    def of(cls, V: np.ndarray, F: np.ndarray, n: int, grid: Grid, rng: np.random.Generator) -> tuple[Self, np.ndarray]:
+        """Samples in the cells of a grid, and those cells (k, d); a `brick` is one of these."""
+        x, facet = facet_samples(V, F, n, rng=rng) if n else (np.empty((0, V.shape[1])), np.empty(0, dtype=np.int64))
+        cells = np.array(grid.shape) - 1
+        place = (x - grid.origin) / grid.spacing
+        number = np.flatnonzero(((place >= 0) & (place <= cells)).all(axis=1))
+        cell = np.minimum(place[number].astype(np.int64), cells - 1)
+        chosen, brick = np.unique(np.ravel_multi_index(tuple(cell.T), cells), return_inverse=True)
+        samples = cls(number, x[number], facet[number], brick, cell, place[number] - cell)
+        return samples, np.stack(np.unravel_index(chosen, cells), axis=-1)
+
+    def divided(self, part: int) -> tuple[Self, np.ndarray]:
+        """The same in bricks of `part` cells instead of in one cell each; and these (p,), counted brick by brick."""
+        d = self.x.shape[1]
+        place = part * self.share
+        cell = np.minimum(place.astype(np.int64), part - 1)
+        flat = np.ravel_multi_index(tuple(cell.T), (part,) * d) + self.brick * part**d
+        return self._replace(cell=cell, share=place - cell), flat
+
+    def some(self, kept: np.ndarray) -> Self:
+        """Chosen ones."""
+        return type(self)(*(array[kept] for array in self))
+
+    def on_border(self, V: np.ndarray, F: np.ndarray, cell: np.ndarray, crossed: np.ndarray, near: float) -> np.ndarray:
+        """Whether samples (p,) lie in cells that hold a border of the body.
+
+        A cell with corners on both sides does. Another one holds something thin, or a surface within the body, which
+        has the inside on both sides: two samples of it decide.
+        """
+        doubtful = np.flatnonzero(~crossed[cell])
+        there, first = np.unique(cell[doubtful], return_index=True)
+        last = np.unique(cell[doubtful[::-1]], return_index=True)[1]
+        tested = doubtful[np.concatenate([first, len(doubtful) - 1 - last])]
+        step = near * facet_normals(V, F)[self.facet[tested]]
+        sides = [
+            np.concatenate(
+                [occupancy(V, F, x) for x in np.array_split(self.x[tested] + side, len(tested) // CHUNK + 1)]
+            )
+            for side in (step, -step)
+        ]
+        holds = crossed.copy()
+        holds[np.concatenate([there, there])[sides[0] != sides[1]]] = True
+        return holds[cell]
+
+    def interpolation(self, row: np.ndarray, n: int, count: int) -> tuple[csr_array, np.ndarray]:
+        """How much each of n nodes counts at the first of all samples, (p, n); and their cells (p,).
+
+        The nodes of bricks are given as `row` (k, part + 1, .., part + 1).
+        """
+        used = self.number < count
+        brick, cell, share = self.brick[used], self.cell[used], self.share[used].astype(np.float32)
+        p, d = cell.shape
+        size = row.shape[1]
+        first = np.ravel_multi_index(tuple(cell.T), (size,) * d) + brick * size**d
+        corners = np.ravel_multi_index(np.indices((2,) * d).reshape(d, -1), (size,) * d)
+        index = row.ravel().astype(np.int32)[first[:, None] + corners]
+        weight = np.ones((p, 1), dtype=np.float32)
+        for axis in range(d):
+            ends = np.stack([1 - share[:, axis], share[:, axis]], axis=1)
+            weight = (weight[:, :, None] * ends[:, None]).reshape(p, 2 ** (axis + 1))
+        A = csr_array((weight.ravel(), index.ravel(), np.arange(p + 1) * 2**d), shape=(p, n))
+        return A, np.ravel_multi_index(tuple(cell.T), (size - 1,) * d) + brick * (size - 1) ** d
 
 
 def weight_grid(
@@ -208,12 +281,6 @@ def scaled_rows(W: csr_array, *, smallest: float = 0.0) -> csr_array:
     return csr_array((W.data / np.repeat(W.sum(axis=1), np.diff(W.indptr)), W.indices, W.indptr), shape=W.shape)
 
 
-def _split(x: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (p, d) within the cell that they lie in, 0 to 1, and that cell."""
-    cell = np.clip(x.astype(np.int64), 0, cells - 1)
-    return x - cell, cell
-
-
 def _brick_nodes(chosen: np.ndarray, part: int, grid: Grid) -> np.ndarray:
     """Nodes of the bricks (k, nodes) of cells (k, d), which are `part` cells of the grid wide."""
     d = chosen.shape[1]
@@ -225,21 +292,6 @@ def _brick_nodes(chosen: np.ndarray, part: int, grid: Grid) -> np.ndarray:
 def _scaled(node: np.ndarray, part: int, coarse: tuple[int, ...], fine: tuple[int, ...]) -> np.ndarray:
     """Nodes (s,) of a grid as those of one that has `part` cells for each of its own."""
     return np.ravel_multi_index([part * index for index in np.unravel_index(node, coarse)], fine)
-
-
-def _interpolation(rows: np.ndarray, brick: np.ndarray, cell: np.ndarray, share: np.ndarray, n: int) -> csr_array:
-    """How much each of n nodes counts at places (p,): in cells (p, d) of bricks, whose nodes (k, .., ..) are given."""
-    p, d = cell.shape
-    size = rows.shape[1]
-    first = np.ravel_multi_index(tuple(cell.T), (size,) * d) + brick * size**d
-    corners = np.ravel_multi_index(np.indices((2,) * d).reshape(d, -1), (size,) * d)
-    index = rows.ravel().astype(np.int32)[first[:, None] + corners]
-    share = share.astype(np.float32)
-    weight = np.ones((p, 1), dtype=np.float32)
-    for axis in range(d):
-        ends = np.stack([1 - share[:, axis], share[:, axis]], axis=1)
-        weight = (weight[:, :, None] * ends[:, None]).reshape(p, 2 ** (axis + 1))
-    return csr_array((weight.ravel(), index.ravel(), np.arange(p + 1) * 2**d), shape=(p, n))
 
 
 def _fitted(A: csr_array, exact: np.ndarray, spacing: float) -> np.ndarray:
