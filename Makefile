@@ -10,7 +10,10 @@ MARKS := $(if $(UNIT),-m "not slow")
 BPY := 5.0.1
 BLENDER ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/nilbs/bpy-$(BPY)
 
-.PHONY: help demo test lint docs format study blender bpy wheel clean
+# The model that `make bench` times.
+BENCH := out/bench/$(if $(NILBS_DATA),elephant,gingerbread).nilbs
+
+.PHONY: help demo test lint docs format study bench blender bpy wheel clean
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -38,6 +41,19 @@ study: $(VENV)/.ready ## train and score every method, in days or with ARGS=--qu
 	@test -n "$(OUT)" || { echo "name the folder of the results, outside this one: make study OUT=../study"; exit 2; }
 	$(BIN)/python -m benchmarks.study --out $(OUT) $(ARGS)
 
+bench: $(VENV)/.ready-bench $(BENCH) ## time nilbs beside libraries that query the posed mesh, in out/bench (ARGS=--quick: minutes)
+	$(BIN)/nilbs benchmark $(BENCH) -o out/bench $(ARGS)
+
+# The elephant of the real meshes if NILBS_DATA names their folder, else the gingerbread man.
+out/bench/elephant.nilbs: | $(VENV)/.ready-bench
+	mkdir -p $(@D)
+	$(BIN)/nilbs train $(NILBS_DATA)/elephant/elephant.obj $(NILBS_DATA)/elephant/elephant.tgf \
+	  $(NILBS_DATA)/elephant/elephant-weights.dmat --motion $(NILBS_DATA)/elephant/elephant-anim.dmat --minutes 2 -o $@
+
+out/bench/gingerbread.nilbs: | $(VENV)/.ready-bench
+	mkdir -p $(@D)
+	$(BIN)/nilbs train examples/assets/cookie.obj examples/assets/gingerbread.tgf --minutes 2 -o $@
+
 blender: bpy $(VENV)/.ready-test ## compare with Blender; its package bpy is installed in $XDG_CACHE_HOME/nilbs on first use
 	OMP_NUM_THREADS=1 NILBS_BPY=$(BLENDER)/bin/python $(BIN)/python -m pytest tests/io/test_blender.py
 
@@ -56,8 +72,8 @@ wheel: $(VENV)/.ready-test ## build the wheel and the sdist in out/dist, and use
 clean: ## remove the environment and what programs wrote
 	rm -rf $(VENV) out
 
-# An environment: .ready for programs; .ready-test and .ready-docs with what the tests and the documentation need too.
-$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-docs: pyproject.toml constraints.txt
+# An environment: .ready for programs; others with what the tests, the documentation or the benchmark need too.
+$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-docs $(VENV)/.ready-bench: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "nilbs needs Python 3.11 or newer; name one with PYTHON=..."; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python $(PIP) -e '.[torch$(patsubst .ready-%,$(COMMA)%,$(filter .ready-%,$(notdir $@)))]'

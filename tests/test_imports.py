@@ -57,7 +57,8 @@ ALLOWED = {
     "methods": {"geometry", "characters", "engine", "fields"},
     "models": {"geometry", "io", "characters", "engine", "fields", "methods"},
     "figures": {"geometry", "io", "characters", "methods", "models"},
-    "app": {"geometry", "io", "characters", "methods", "models", "figures"},
+    "race": {"geometry", "io", "characters", "engine", "fields", "methods", "models"},
+    "app": {"geometry", "io", "characters", "methods", "models", "figures", "race"},
 }
 PACKAGE = Path(nilbs.__file__).parent
 

@@ -20,6 +20,7 @@ COMMANDS = {
     "query": "evaluate occupancy or signed distance of points in a pose",
     "extract": "extract the posed surface as a mesh",
     "evaluate": "score a model against the skinned mesh",
+    "benchmark": "time a model beside libraries that query the skinned mesh",
 }
 # Names on the package index that differ from the module's.
 _PACKAGES = {"igl": "libigl", "skimage": "scikit-image"}

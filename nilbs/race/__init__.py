@@ -1,0 +1,1 @@
+"""The benchmark: nilbs beside libraries that query the posed mesh."""

@@ -1,0 +1,76 @@
+"""Contestants of this package."""
+
+from functools import partial
+
+import numpy as np
+
+from nilbs.models.model import Model
+from nilbs.models.posed_model import PosedModel
+from nilbs.race.contestants import DISTANCE, OCCUPANCY, Kind
+
+ENGINE, NETWORK, TORCH, GPU = "nilbs", "nilbs, network alone", "nilbs, torch", "nilbs, torch on a GPU"
+_NONE = np.empty((0, 3))
+
+
+class Own:
+    """A model, by its engine or by torch on a device, and by one of its mappings."""
+
+    def __init__(
+        self, model: Model, quantity: str, threads: int, *, mapping: str | None = None, device: str | None = None
+    ) -> None:
+        self.quantity, self.mapping = quantity, mapping
+        self.model = model
+        if device is not None:
+            import torch
+
+            # Another model, because `to` changes the one that it moves.
+            parts = (model.character, model.motion, model.method, model.history, model.parameters, model.rest)
+            self.model = Model(*parts).to(device=device, dtype=torch.float32)
+        if self.model.engine(mapping) is None:
+            import torch
+
+            torch.set_num_threads(threads)
+
+    def points(self, x: np.ndarray) -> np.ndarray:
+        """The points as they are."""
+        return x
+
+    def pose(self, B: np.ndarray) -> None:
+        """Prepare starts, and for distances the tree."""
+        self.posed: PosedModel = self.model.posed(B, mapping=self.mapping)
+        self.posed.occupancy(_NONE)  # what is prepared at the first query belongs to the pose
+        if self.quantity == DISTANCE:
+            _ = self.posed.surface
+
+    def query(self, x: np.ndarray) -> np.ndarray:
+        """Occupancy above one half, or distance to the posed surface."""
+        return self.posed.posed_distance(x) if self.quantity == DISTANCE else self.posed.occupancy(x) > 0.5
+
+
+KINDS = (
+    Kind(ENGINE, (OCCUPANCY, DISTANCE), Own, note="the model's default; exact lengths from a tree of the posed mesh"),
+    Kind(NETWORK, (OCCUPANCY,), partial(Own, mapping="inverse"), note="the paper's inverse map, by torch"),
+    Kind(TORCH, (OCCUPANCY,), partial(Own, device="cpu"), note="the same search in torch, which has derivatives"),
+    Kind(GPU, (OCCUPANCY,), partial(Own, device="cuda"), note="the same; points and answers are moved to and fro"),
+)
+
+
+def missing(kind: Kind, model: Model) -> str | None:
+    """Why one of these cannot take part, in one line; None if it can."""
+    if kind.name == NETWORK and ("inverse" not in model.method.mappings or not model.parameters):
+        return "the model has no network"
+    if kind.name == TORCH and model.engine() is None:
+        return "the model is queried in torch anyway"
+    if kind.name == GPU:
+        import torch
+
+        return None if torch.cuda.is_available() else "there is no GPU"
+    return None
+
+
+def kept_bytes(kind: Kind, model: Model) -> int:
+    """Bytes of what a contestant reads of the model's file; a mesh contestant reads nothing but the mesh."""
+    if kind.package:
+        return 0
+    arrays = [*model.rest.arrays.values(), *model.parameters.values()]
+    return sum(array.nbytes for array in arrays)
