@@ -50,6 +50,10 @@ def test_arrays_of_many_poses_are_answered_as_one_by_one(d: int, models, batch, 
     for k in range(2):
         for values, alone in zip(found, model.closest_points(x[k], poses[k]), strict=True):
             np.testing.assert_array_equal(values[k], alone)
+    places = model.posed(poses).closest_places(x)
+    for k in range(2):
+        for name, values in model.posed(poses[k]).closest_places(x[k]).items():
+            np.testing.assert_array_equal(places[name][k], values, err_msg=name)
     colour = model.values(lambda x_rest: x_rest**2, x, poses)
     np.testing.assert_array_equal(
         colour, one_by_one(lambda x, pose: model.values(lambda x_rest: x_rest**2, x, pose), x, poses)
