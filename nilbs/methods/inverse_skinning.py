@@ -56,11 +56,13 @@ class InverseSkinning(NetworkMethod):
     weight_loss: float = setting(1.0, "factor of the cross-entropy of the network's weights")
     cache_resolution: int | None = setting(
         None,
-        "cells of the rest cache along its longest edge, at the surface (default: 512 in space, 2048 in the plane)",
+        "cells of the rest cache along its longest edge, at the surface (default: what fits the shape; 2048 in the plane)",
         least=1,
     )
     weight_resolution: int | None = setting(
-        None, "cells of the rest weights along the longest edge (default: 128 in space, 256 in the plane)", least=1
+        None,
+        "cells of the rest weights along the longest edge (default: what fits the shape; 256 in the plane)",
+        least=1,
     )
     cache_width: float = setting(0.003, "width of the step by which occupancy is read from distance", least=1e-6)
 
@@ -80,10 +82,13 @@ class InverseSkinning(NetworkMethod):
         for name, most in (("cache_resolution", MOST_CELLS), ("weight_resolution", MOST_WEIGHT_CELLS)):
             if (cells := getattr(self, name) or 0) ** d > most:
                 raise ValueError(f"{name} must be at most {int(most ** (1 / d))} in {d} dimensions, got {cells}")
+        from nilbs.engine.rest_state import rest_cells
+
+        of_cache, of_weights = rest_cells(character)
         return replace(
             super().resolved(character),
-            cache_resolution=self.cache_resolution or {2: 2048, 3: 512}[d],
-            weight_resolution=self.weight_resolution or {2: 256, 3: 128}[d],
+            cache_resolution=self.cache_resolution or of_cache,
+            weight_resolution=self.weight_resolution or of_weights,
         )
 
     def rest(self, character: "Character") -> "RestState":
