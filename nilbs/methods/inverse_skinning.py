@@ -56,12 +56,12 @@ class InverseSkinning(NetworkMethod):
     weight_loss: float = setting(1.0, "factor of the cross-entropy of the network's weights")
     cache_resolution: int | None = setting(
         None,
-        "cells of the rest cache along its longest edge, at the surface (default: what fits the shape; 2048 in the plane)",
+        "cells of the rest cache along its longest edge, at the surface (default: by the shape; 2048 in the plane)",
         least=1,
     )
     weight_resolution: int | None = setting(
         None,
-        "cells of the rest weights along the longest edge (default: what fits the shape; 256 in the plane)",
+        "cells of the rest weights along the longest edge (default: by the shape; 256 in the plane)",
         least=1,
     )
     cache_width: float = setting(0.003, "width of the step by which occupancy is read from distance", least=1e-6)
