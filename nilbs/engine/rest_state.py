@@ -29,9 +29,9 @@ BAND, DEPTH, PAD = 0.03, 0.015, 0.05
 # surface is more than this on average, in units of L; and the most values of all.
 PARTS, TOLERANCE, MOST_VALUES = (4, 2, 2), 7e-6, 6_500_000
 # Distances are rounded to multiples of this, in units of L, or of what 16 bits need.
-UNIT = 1e-5
+UNIT = 1.2e-5
 # Weights below this are not kept; the rest of the row is scaled to sum to one.
-SMALLEST = 2e-4
+SMALLEST = 3e-4
 # In space: about how many nodes of a grid of weights lie in the body and the band, the most cells along its longest
 # edge, and how many cells of distance lie along the edge of one of weights, at the surface.
 NODES, MOST_CELLS, FINER = 1e5, 192, 8 / 3

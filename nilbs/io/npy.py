@@ -11,7 +11,7 @@ from nilbs.io.bounded import SIZE_LIMIT, file_bytes
 from nilbs.io.errors import FileFormatError, check_suffix
 
 _NPY_HEADER = re.compile(
-    r"\{'descr': '([<>|][fiu][1248])', 'fortran_order': (True|False), "
+    r"\{'descr': '([<>|][fiub][1248])', 'fortran_order': (True|False), "
     r"'shape': \((\d{1,18}(?:, ?\d{1,18}){0,7}),?\),? *\}\s*"
 )
 
@@ -79,7 +79,19 @@ def write_npy(path: str | os.PathLike, A: np.ndarray) -> None:
 
 
 def npy_array(path: str | os.PathLike, data: bytes, name: str) -> np.ndarray:
-    """The array in the bytes of a `.npy` file [1]_, which never takes more memory than these bytes hold.
+    """The finite numbers in the bytes of a `.npy` file, in double precision; memory is bounded by these bytes."""
+    A = stored_array(path, data, name, kinds="fiu")
+    if A.size * 8 > SIZE_LIMIT:
+        raise FileFormatError(path, f"{name} holds {A.size} numbers, more than {SIZE_LIMIT // 8}")
+    with np.errstate(invalid="ignore"):  # a signalling NaN is reported below
+        A = A.astype(np.float64)
+    if not np.isfinite(A).all():
+        raise FileFormatError(path, f"{name} holds a number that is not finite")
+    return A
+
+
+def stored_array(path: str | os.PathLike, data: bytes, name: str, *, kinds: str) -> np.ndarray:
+    """The array in the bytes of a `.npy` file [1]_, as it is: a view of them, of one of these kinds of dtype.
 
     References
     ----------
@@ -89,7 +101,7 @@ def npy_array(path: str | os.PathLike, data: bytes, name: str) -> np.ndarray:
     start = 12 if long else 10
     end = start + int.from_bytes(data[8:start], "little")
     header = _NPY_HEADER.fullmatch(data[start : min(end, 2**16)].decode("latin-1"))
-    if not data.startswith(b"\x93NUMPY") or not header:
+    if not data.startswith(b"\x93NUMPY") or not header or header[1][1] not in kinds:
         objects = b"'descr': '|O'" in data[start : start + 99]
         message = " but a pickle, which is never read: save an array of plain numbers" if objects else ""
         raise FileFormatError(path, f"{name} is not a plain array of numbers{message}")
@@ -100,10 +112,5 @@ def npy_array(path: str | os.PathLike, data: bytes, name: str) -> np.ndarray:
     shape = tuple(int(size) for size in header[3].split(","))
     if math.prod(shape) * kind.itemsize != len(data) - end:
         raise FileFormatError(path, f"{name} claims the shape {shape}, but holds {len(data) - end} bytes")
-    if math.prod(shape) * 8 > SIZE_LIMIT:
-        raise FileFormatError(path, f"{name} holds {math.prod(shape)} numbers, more than {SIZE_LIMIT // 8}")
-    with np.errstate(invalid="ignore"):  # a signalling NaN is reported below
-        A = np.frombuffer(data, kind, offset=end).astype(np.float64)
-    if not np.isfinite(A).all():
-        raise FileFormatError(path, f"{name} holds a number that is not finite")
+    A = np.frombuffer(data, kind, offset=end)
     return A.reshape(shape, order="F" if header[2] == "True" else "C")

@@ -16,7 +16,11 @@ _DAMAGES = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, RuntimeError
 
 def open_zip(path: str | os.PathLike) -> zipfile.ZipFile:
     """An archive, read into memory."""
-    data = file_bytes(path)
+    return opened(path, file_bytes(path))
+
+
+def opened(path: str | os.PathLike, data: bytes) -> zipfile.ZipFile:
+    """The archive in the bytes of a file."""
     try:
         return zipfile.ZipFile(io.BytesIO(data))
     except _DAMAGES as error:
