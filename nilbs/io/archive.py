@@ -220,7 +220,7 @@ def _npy(array: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-def _digest(data: memoryview) -> bytes:
+def _digest(data: bytes | memoryview) -> bytes:
     return hashlib.sha256(data).hexdigest().encode()
 
 

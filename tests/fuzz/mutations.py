@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from nilbs.io.archive import _digest
+from nilbs.io.archive import HEADER, _digest, safetensors_digest
 
 Bytes = Callable[[bytes], bytes]
 Mutation = Callable[[bytes, Random, Bytes], bytes]
@@ -174,8 +174,11 @@ def threemf(data: bytes, rng: Random, mutate: Bytes) -> bytes:
 
 
 def archive(data: bytes, rng: Random, mutate: Bytes) -> bytes:
-    """Change the header of a safetensors file, with a digest that fits, or the numbers behind it."""
+    """Change the header of an archive, or its arrays, with a digest that fits."""
     from safetensors.numpy import load
+
+    if data.startswith(b"PK"):
+        return _zipped(data, rng, mutate)
 
     length = int.from_bytes(data[:8], "little")
     tree = _loaded(data[8 : 8 + length])
@@ -196,8 +199,26 @@ def archive(data: bytes, rng: Random, mutate: Bytes) -> bytes:
         return struct.pack("<Q", len(text)) + text + tensors
 
     with suppress(Exception):  # no archive any more, or one without its texts, goes as it is
-        tree["__metadata__"]["digest"] = _digest(load(packed()), meta["kind"], meta["settings"])
+        tree["__metadata__"]["digest"] = safetensors_digest(load(packed()), meta["kind"], meta["settings"])
     return packed()
+
+
+def _zipped(data: bytes, rng: Random, mutate: Bytes) -> bytes:
+    if rng.random() < 0.1:
+        return mutate(data)
+    if rng.random() < 0.5:
+        changed = npz(data, rng, mutate)
+    else:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = {name: archive.read(name) for name in archive.namelist()}
+        members[HEADER] = json(members[HEADER], rng, mutate)
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, content in members.items():
+                archive.writestr(zipfile.ZipInfo(name), content)
+        changed = packed.getvalue()
+    changed = changed[:-2] + struct.pack("<H", 64)  # the length of the comment, which is the digest
+    return changed + _digest(changed)
 
 
 def tree_of(tree: Any, rng: Random) -> Any:
