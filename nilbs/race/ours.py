@@ -1,6 +1,7 @@
 """Contestants of this package."""
 
 from functools import partial
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -12,6 +13,14 @@ ENGINE, NETWORK, TORCH, GPU = "nilbs", "nilbs, network alone", "nilbs, torch", "
 _NONE = np.empty((0, 3))
 
 
+class _InTorch(Model):
+    """A model that its field answers, even if there is an engine."""
+
+    def engine(self, mapping: str | None = None) -> None:
+        """None: the field answers."""
+        return
+
+
 class Own:
     """A model, by its engine or by torch on a device, and by one of its mappings."""
 
@@ -21,11 +30,9 @@ class Own:
         self.quantity, self.mapping = quantity, mapping
         self.model = model
         if device is not None:
-            import torch
-
             # Another model, because `to` changes the one that it moves.
             parts = (model.character, model.motion, model.method, model.history, model.parameters, model.rest)
-            self.model = Model(*parts).to(device=device, dtype=torch.float32)
+            self.model = _InTorch(*parts).to(device=device)
         if self.model.engine(mapping) is None:
             import torch
 
@@ -61,6 +68,8 @@ def missing(kind: Kind, model: Model) -> str | None:
         return "the model has no network"
     if kind.name == TORCH and model.engine() is None:
         return "the model is queried in torch anyway"
+    if kind.name != ENGINE and find_spec("torch") is None:
+        return "not installed: pip install torch"
     if kind.name == GPU:
         import torch
 

@@ -68,6 +68,15 @@ def test_a_model_without_a_network_has_no_contestant_for_it(characters, models):
     assert missing(KINDS["nilbs"], nearest) is None
 
 
+def test_torch_evaluates_the_field_and_leaves_the_model_alone(models):
+    from nilbs.models.torch_field import TorchEngine
+
+    contestant = KINDS["nilbs, torch"].make(models[3], "occupancy", 1)
+    contestant.pose(models[3].motion[0])
+    assert isinstance(contestant.posed._posed, TorchEngine)
+    assert models[3].engine() is not None
+
+
 def test_what_is_not_installed_is_named(models):
     gone = Kind("gone", ("occupancy",), KINDS["libigl"].make, "no_such_package", "no-such-distribution")
     assert missing(gone, models[3]) == "not installed: pip install no-such-distribution"
