@@ -45,7 +45,7 @@ def write_model_file(path: str | Path, parts: ModelParts) -> None:
         "settings": values_of(method),
         **rest.header,
     }
-    write_archive(path, contents, text, kind=KIND)
+    write_archive(path, contents, text, kind=KIND, compress=True)
 
 
 def read_model_file(path: str | Path) -> ModelParts:
