@@ -20,8 +20,8 @@ ROOT = 1e-3  # a larger residual is no root
 STEP = 0.1  # the longest step
 SHORTER = 0.3  # a step that increases the residual is repeated, this much shorter
 ITERATIONS = 6
-# After a step from a residual below this the next would be below the precision: it is not computed.
-CLOSE = 1e-4
+# After a step this short from a residual below this the next would be below the precision: it is not computed.
+SHORT, CLOSE = 1e-3, 1e-4
 # A smaller determinant is held at this.
 SMALLEST = 1e-4
 # In edges of the cell: a start this close to a root finds it again, and how far from the centre a start may lie.
@@ -323,6 +323,6 @@ def _newton(p0, p1, p2, r0, r1, r2, weights, B):  # type: ignore[no-untyped-def]
             s0 *= f
             s1 *= f
             s2 *= f
-        elif residual < np.float32(CLOSE):
+        elif residual < np.float32(CLOSE) and length < np.float32(SHORT):
             return residual, r0 + s0, r1 + s1, r2 + s2, turned, evaluations
     return least, r0, r1, r2, turned, evaluations

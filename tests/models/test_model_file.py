@@ -75,8 +75,7 @@ def test_a_network_without_numbers_is_refused(d: int, saved, tmp_path: Path) -> 
 def test_any_flipped_byte_is_noticed(saved, tmp_path: Path, rng: np.random.Generator) -> None:
     data = saved[3].read_bytes()
     path = tmp_path / "damaged.nilbs"
-    header = 8 + int.from_bytes(data[:8], "little")
-    places = np.concatenate([np.arange(16), rng.integers(0, header, 150), rng.integers(header, len(data), 50)])
+    places = np.concatenate([np.arange(16), rng.integers(0, len(data), 200)])
     for place in [*places.tolist(), len(data) - 1]:
         damaged = bytearray(data)
         damaged[place] ^= 1 << int(rng.integers(8))
