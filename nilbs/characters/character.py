@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
@@ -67,10 +68,15 @@ class Character:
         """Dimension of space, 2 or 3."""
         return self.V.shape[1]
 
-    @property
+    @cached_property
     def L(self) -> float:
         """Longest edge of the rest mesh's bounding box, the unit of every reported length."""
         return float(np.ptp(self.V, axis=0).max())
+
+    @cached_property
+    def center(self) -> np.ndarray:
+        """Centre (d,) of the rest mesh's bounding box."""
+        return (self.V.min(axis=0) + self.V.max(axis=0)) / 2
 
     def arrays(self) -> dict[str, np.ndarray]:
         """All arrays by their letters, with those of the skeleton: what files keep."""

@@ -9,7 +9,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,14 +30,20 @@ FLAGS = {"contract", "arcp", "nsz", "reassoc"}
 def compiled(function: Function) -> Function:
     """The function compiled by numba, when it is first called with arguments of these types.
 
-    Without numba it stays as it is; see `available`.
+    It makes no arrays, so that nothing counts references to those that it has: threads that count the same references
+    wait for each other. Without numba it stays as it is; see `available`.
     """
-    return _dispatcher(function)
+    return _dispatcher(function, _nrt=False)
 
 
 def inlined(function: Function) -> Function:
     """A small compiled function whose code is put in the place of every call; see `compiled`."""
-    return _dispatcher(function, forceinline=True)
+    return _dispatcher(function, _nrt=False, forceinline=True)
+
+
+def allocating(function: Function) -> Function:
+    """A compiled function that makes arrays, and is therefore not for many points; see `compiled`."""
+    return _dispatcher(function)
 
 
 def _dispatcher(function: Function, **options: Any) -> Function:
@@ -86,18 +92,32 @@ def threads() -> int:
 
 
 def in_pieces(function: Callable[[int, int], Any], n: int, *, piece: int) -> None:
-    """Call a function of (begin, end) for pieces of the range n, on all threads.
+    """Call a function of (begin, end) for pieces of the range n, on this thread and on the others.
 
     Inside a piece further pieces are called one after the other: a thread that waits for others of the same threads
     may wait forever.
     """
-    pieces = [(begin, min(begin + piece, n)) for begin in range(0, n, piece)]
-    if len(pieces) < 2 or getattr(_thread, "has_piece", False) or threads() == 1:
-        for begin, end in pieces:
-            function(begin, end)
+    begins = iter(range(0, n, piece))  # from which every thread takes the next
+
+    def work() -> None:
+        for begin in begins:
+            function(begin, min(begin + piece, n))
+
+    helpers = min(threads(), -(-n // piece)) - 1
+    if helpers < 1 or _thread.has_piece:
+        work()
         return
-    for done in [_pool(os.getpid(), threads()).submit(function, *ends) for ends in pieces]:
-        done.result()
+    started = [_pool(os.getpid(), threads() - 1).submit(work) for _ in range(helpers)]
+    _thread.has_piece = True
+    try:
+        work()
+    finally:
+        _thread.has_piece = False
+        # One that has not begun has nothing left to do.
+        begun = [helper for helper in started if not helper.cancel()]
+        wait(begun)
+    for helper in begun:
+        helper.result()
 
 
 def each(function: Callable[[int], Any], count: int) -> None:
@@ -112,8 +132,14 @@ def each(function: Callable[[int], Any], count: int) -> None:
         function(k)
 
 
+class _Thread(threading.local):
+    """Whether this thread works on a piece."""
+
+    has_piece = False
+
+
 _threads: int | None = None
-_thread = threading.local()
+_thread = _Thread()
 
 
 @cache

@@ -9,9 +9,10 @@ they do not depend on the number of threads.
 import numpy as np
 
 from nilbs.engine.compiled import compiled, in_pieces, inlined
+from nilbs.engine.distances import distance_cell, trilinear
 from nilbs.engine.search import SMALLEST, SearchEngine
 from nilbs.engine.surface_tree import ClosestPoints
-from nilbs.engine.weights import counted, transforms
+from nilbs.engine.weights import columns, counted, forward, transforms, weight_cell
 from nilbs.geometry.weight_blocks import ONE
 
 # Points that a thread takes at once.
@@ -39,13 +40,13 @@ def root_gradients(
         np.ascontiguousarray(array, dtype=kind)
         for array, kind in ((x_rest, np.float32), (of_distance, np.float64), (of_x_rest, np.float64))
     )
-    pose = counted(transforms(B))
+    pose = columns(counted(transforms(B)))
     by_x, by_B = np.empty((n, d)), np.zeros((-(-n // PIECE), len(B), 3, 4))
 
     def add(begin: int, end: int) -> None:
         _add_roots(
-            x_rest, of_distance, of_x_rest, begin, end, engine.weights, engine.distances, pose, by_x,
-            by_B[begin // PIECE],
+            x_rest, of_distance, of_x_rest, begin, end, engine.weights, engine.distances, pose,
+            np.empty((1, 4, 8), dtype=np.float32), np.zeros(3), by_x, by_B[begin // PIECE],
         )  # fmt: skip
 
     in_pieces(add, n, piece=PIECE)
@@ -97,37 +98,15 @@ def _of_pose(pieces: np.ndarray, d: int) -> np.ndarray:
 
 
 @compiled
-def _add_roots(x_rest, of_distance, of_x_rest, begin, end, weights, distances, B, by_x, by_B):  # type: ignore[no-untyped-def]
+def _add_roots(x_rest, of_distance, of_x_rest, begin, end, weights, distances, B, slots, g, by_x, by_B):  # type: ignore[no-untyped-def]
     """Write the gradients z by points, and take w z (x_rest, 1)^T from that by each bone with a weight w."""
-    d, inverse = x_rest.shape[1], np.float32(1) / weights.spacing
-    g, share = np.zeros(3), np.empty(B.shape[0])
+    d = x_rest.shape[1]
     for i in range(begin, end):
         p0, p1, p2 = x_rest[i, 0], x_rest[i, 1], x_rest[i, 2] if d == 3 else ZERO
         if np.isnan(p0):
             by_x[i] = 0
             continue
-        # The derivative of the forward map, as `nilbs.engine.weights.forward` has it, and the weights.
-        at, s0, s1, first, bones, f0, f1, f2 = _weight_cell(p0, p1, p2, weights)
-        a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = ZERO
-        for k in range(bones):
-            v, g0, g1, g2 = _trilinear(weights.weight, at + k, s0, s1, bones, f0, f1, f2)
-            share[k] = v / np.float32(ONE)
-            if v == 0 and g0 == 0 and g1 == 0 and g2 == 0:
-                continue
-            g0, g1, g2 = g0 * inverse, g1 * inverse, g2 * inverse
-            m = B[weights.bone[first + k]]
-            y = m[0] * p0 + m[1] * p1 + m[2] * p2 + m[3]
-            a00 += v * m[0] + g0 * y
-            a01 += v * m[1] + g1 * y
-            a02 += v * m[2] + g2 * y
-            y = m[4] * p0 + m[5] * p1 + m[6] * p2 + m[7]
-            a10 += v * m[4] + g0 * y
-            a11 += v * m[5] + g1 * y
-            a12 += v * m[6] + g2 * y
-            y = m[8] * p0 + m[9] * p1 + m[10] * p2 + m[11]
-            a20 += v * m[8] + g0 * y
-            a21 += v * m[9] + g1 * y
-            a22 += v * m[10] + g2 * y
+        _, _, _, a00, a01, a02, a10, a11, a12, a20, a21, a22 = forward(p0, p1, p2, weights, B, slots)
         # J^T z = g by Cramer's rule, as in `nilbs.fields.cramer`.
         g[0], g[1], g[2] = _slope(p0, p1, p2, distances)
         for r in range(d):
@@ -143,8 +122,10 @@ def _add_roots(x_rest, of_distance, of_x_rest, begin, end, weights, distances, B
         by_x[i, 0], by_x[i, 1] = z0, z1
         if d == 3:
             by_x[i, 2] = z2
+        at, s0, s1, first, bones, f0, f1, f2 = weight_cell(p0, p1, p2, weights)
         for k in range(bones):
-            w = share[k]
+            value, _, _, _ = trilinear(weights.weight, at + k, s0, s1, bones, f0, f1, f2)
+            w = value / np.float32(ONE)
             if w == 0:
                 continue
             m = by_B[weights.bone[first + k]]
@@ -156,92 +137,17 @@ def _add_roots(x_rest, of_distance, of_x_rest, begin, end, weights, distances, B
 
 
 @inlined
-def _weight_cell(p0, p1, p2, weights):  # type: ignore[no-untyped-def]
-    """The cell of a rest point: where its weights begin, steps between them, its bones, and the place in it."""
-    m0, m1, m2 = weights.cells
-    inverse = np.float32(1) / weights.spacing
-    f0 = (p0 - weights.origin[0]) * inverse
-    f1 = (p1 - weights.origin[1]) * inverse
-    f2 = (p2 - weights.origin[2]) * inverse
-    n0, n1, n2 = weights.block.shape
-    block = weights.block[
-        min(max(int(f0) // m0, 0), n0 - 1), min(max(int(f1) // m1, 0), n1 - 1), min(max(int(f2) // m2, 0), n2 - 1)
-    ]
-    f0 = min(max(f0 - np.float32(weights.place[block, 0]), ZERO), np.float32(m0))
-    f1 = min(max(f1 - np.float32(weights.place[block, 1]), ZERO), np.float32(m1))
-    f2 = min(max(f2 - np.float32(weights.place[block, 2]), ZERO), np.float32(m2))
-    i0, i1, i2 = min(int(f0), m0 - 1), min(int(f1), m1 - 1), min(int(f2), m2 - 1)
-    first = weights.first[block]
-    bones = weights.first[block + 1] - first
-    s1 = (m2 + 1) * bones
-    s0 = (m1 + 1) * s1
-    at = first * ((m0 + 1) * (m1 + 1) * (m2 + 1)) + i0 * s0 + i1 * s1 + i2 * bones
-    return at, s0, s1, first, bones, f0 - np.float32(i0), f1 - np.float32(i1), f2 - np.float32(i2)
-
-
-@inlined
-def _trilinear(values, at, s0, s1, s2, f0, f1, f2):  # type: ignore[no-untyped-def]
-    """Value and slopes in a cell, of integers at its corners."""
-    v000, v001 = np.float32(values[at]), np.float32(values[at + s2])
-    v010, v011 = np.float32(values[at + s1]), np.float32(values[at + s1 + s2])
-    v100, v101 = np.float32(values[at + s0]), np.float32(values[at + s0 + s2])
-    v110, v111 = np.float32(values[at + s0 + s1]), np.float32(values[at + s0 + s1 + s2])
-    d00, d01, d10, d11 = v001 - v000, v011 - v010, v101 - v100, v111 - v110
-    e0, e1 = d00 + f1 * (d01 - d00), d10 + f1 * (d11 - d10)
-    u00, u01, u10, u11 = v000 + f2 * d00, v010 + f2 * d01, v100 + f2 * d10, v110 + f2 * d11
-    h0, h1 = u01 - u00, u11 - u10
-    t0, t1 = u00 + f1 * h0, u10 + f1 * h1
-    return t0 + f0 * (t1 - t0), t1 - t0, h0 + f0 * (h1 - h0), e0 + f0 * (e1 - e0)
-
-
-@inlined
 def _slope(p0, p1, p2, distances):  # type: ignore[no-untyped-def]
     """Derivatives of `nilbs.engine.distances.rest_distance` by the coordinates of a rest point."""
-    t = distances
-    n0, n1, n2 = t.brick.shape
-    scale0 = scale1 = scale2 = inverse = np.float32(1) / t.spacing
-    g0, g1, g2 = (p0 - t.origin[0]) * inverse, (p1 - t.origin[1]) * inverse, (p2 - t.origin[2]) * inverse
-    f0 = min(max(g0, ZERO), np.float32(n0))
-    f1 = min(max(g1, ZERO), np.float32(n1))
-    f2 = min(max(g2, ZERO), np.float32(n2))
-    b0, b1, b2 = g0 - f0, g1 - f1, g2 - f2
-    c0, c1, c2 = min(int(f0), n0 - 1), min(int(f1), n1 - 1), min(int(f2), n2 - 1)
-    f0 -= np.float32(c0)
-    f1 -= np.float32(c1)
-    f2 -= np.float32(c2)
-    s1 = n2 + 1
-    s0 = (n1 + 1) * s1
-    at = c0 * s0 + c1 * s1 + c2
-    unit = t.unit[0]
-    number = t.brick[c0, c1, c2]
-    for division in range(t.parts.shape[0]):
-        if number < 0:
-            break
-        m0, m1, m2 = t.parts[division, 0], t.parts[division, 1], t.parts[division, 2]
-        scale0 *= np.float32(m0)
-        scale1 *= np.float32(m1)
-        scale2 *= np.float32(m2)
-        f0 *= np.float32(m0)
-        f1 *= np.float32(m1)
-        f2 *= np.float32(m2)
-        c0, c1, c2 = min(int(f0), m0 - 1), min(int(f1), m1 - 1), min(int(f2), m2 - 1)
-        f0 -= np.float32(c0)
-        f1 -= np.float32(c1)
-        f2 -= np.float32(c2)
-        s1 = m2 + 1
-        s0 = (m1 + 1) * s1
-        at = t.first_value[division] + number * ((m0 + 1) * s0) + c0 * s0 + c1 * s1 + c2
-        unit = t.unit[division + 1]
-        cell = t.first_cell[division]
-        number = t.finer[cell + number * (m0 * m1 * m2) + (c0 * m1 + c1) * m2 + c2] if cell >= 0 else -1
-    _, s_0, s_1, s_2 = _trilinear(t.values, at, s0, s1, 1, f0, f1, f2)
+    at, s0, s1, unit, f0, f1, f2, scale0, scale1, scale2, b0, b1, b2 = distance_cell(p0, p1, p2, distances)
+    _, slope0, slope1, slope2 = trilinear(distances.values, at, s0, s1, 1, f0, f1, f2)
     # Beyond the grid the nearest place in it stays where it is, and the distance to it grows.
     beyond = np.sqrt(b0 * b0 + b1 * b1 + b2 * b2)
     length = beyond if beyond > 0 else np.float32(1)
     return (
-        b0 / length if b0 != 0 else unit * scale0 * s_0,
-        b1 / length if b1 != 0 else unit * scale1 * s_1,
-        b2 / length if b2 != 0 else unit * scale2 * s_2,
+        b0 / length if b0 != 0 else unit * scale0 * slope0,
+        b1 / length if b1 != 0 else unit * scale1 * slope1,
+        b2 / length if b2 != 0 else unit * scale2 * slope2,
     )
 
 

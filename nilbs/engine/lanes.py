@@ -172,6 +172,86 @@ def lane(typing: Any, a: Any, k: Any) -> Any:
 
 
 @intrinsic
+def halves(typing: Any, low: Any, high: Any) -> Any:
+    """One number in the lower half of the lanes, another in the upper half."""
+    lanes = _of(low)
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        undefined = ir.Constant(context.get_value_type(lanes), ir.Undefined)
+        first, second = (builder.insert_element(undefined, number, ir.Constant(ir.IntType(32), 0)) for number in args)
+        half = lanes.count // 2
+        order = ir.Constant(ir.VectorType(ir.IntType(32), lanes.count), [0] * half + [lanes.count] * half)
+        return builder.shuffle_vector(first, second, order)
+
+    return lanes(low, low), code
+
+
+@intrinsic
+def swapped(typing: Any, a: Any) -> Any:
+    """The lanes with their two halves in each other's place."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        half = a.count // 2
+        order = [(k + half) % a.count for k in range(a.count)]
+        undefined = ir.Constant(context.get_value_type(a), ir.Undefined)
+        return builder.shuffle_vector(args[0], undefined, ir.Constant(ir.VectorType(ir.IntType(32), a.count), order))
+
+    return a(a), code
+
+
+@intrinsic
+def load_at(typing: Any, array: Any, i: Any) -> Any:
+    """The numbers array[i : i + lanes] of a contiguous array."""
+    return _loaded(array, i, _of(array.dtype))
+
+
+@intrinsic
+def load_counts(typing: Any, array: Any, i: Any) -> Any:
+    """Eight integers of 16 bits, array[i : i + 8]."""
+    return _loaded(array, i, Lanes(array.dtype, BYTES // 4))
+
+
+def _loaded(array: Any, i: Any, lanes: Lanes) -> Any:
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        data, at = make_array(array)(context, builder, args[0]).data, context.cast(builder, args[1], i, types.intp)
+        pointer = builder.bitcast(builder.gep(data, [at]), context.get_value_type(lanes).as_pointer())
+        return builder.load(pointer, align=array.dtype.bitwidth // 8)
+
+    return lanes(array, i), code
+
+
+@intrinsic
+def numbers(typing: Any, a: Any) -> Any:
+    """Integers as float32."""
+    lanes = Lanes(types.float32, a.count)
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.sitofp(args[0], context.get_value_type(lanes))
+
+    return lanes(a), code
+
+
+@intrinsic
+def joined(typing: Any, a: Any, b: Any) -> Any:
+    """The bits of two lanes of integers together."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.or_(*args)
+
+    return a(a, b), code
+
+
+@intrinsic
+def filled(typing: Any, a: Any) -> Any:
+    """Where integers are not zero."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.icmp_signed("!=", args[0], ir.Constant(context.get_value_type(a), None))
+
+    return Lanes(types.boolean, a.count)(a), code
+
+
+@intrinsic
 def bits(typing: Any, mask: Any) -> Any:
     """A comparison as an integer: bit k is set where it holds in lane k."""
 
@@ -205,3 +285,13 @@ def store(typing: Any, array: Any, i: Any, j: Any, a: Any) -> Any:
         return context.get_dummy_value()
 
     return types.none(array, i, j, a), code
+
+
+@intrinsic
+def ones(typing: Any, number: Any) -> Any:
+    """How many bits are set in an integer of 64 bits."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.ctpop(args[0])
+
+    return types.int64(number), code

@@ -1,4 +1,4 @@
-"""Where searches start: cells of the rest pose, moved by a pose and sorted into a grid around the posed body.
+"""Where searches start: cells of the rest pose, moved by a pose.
 
 A cell is small enough that its image is nearly a parallelepiped, so that the inverse of one linear map takes a posed
 point close to its canonical points. A point that lies in the image of no cell is far outside the body.
@@ -8,26 +8,26 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from nilbs.engine.compiled import compiled
+from nilbs.engine.compiled import PROBLEM, allocating, compiled, in_pieces, inlined
 from nilbs.engine.distances import Distances, rest_distance
-from nilbs.engine.weights import Weights
+from nilbs.engine.weights import Weights, columns
 from nilbs.geometry.weight_blocks import ONE
 
+if PROBLEM is None:
+    from nilbs.engine.lanes import halves, lane, larger, load, smaller, spread, store, swapped
+
+ZERO = np.float32(0)
+# Corners and cells that a thread moves at a time.
+PIECE = 16_384
 # Cells this close to the body have starts, in units of its longest edge.
 SHELL = 0.015
 # Cells are divided where weights in them are farther from multilinear than this.
-BENT = 0.3
+BENT = 0.45
 # How far the image of a cell may reach beyond what its corners say: times their deviation from the linear map, and in
 # edges of the cell.
 STRETCH, MARGIN = 1.5, 0.1
 # Of the cube around the image of a cell: a smaller volume is flat; and so is a cell whose image is shorter.
 FLAT, SHORT = 1e-6, 1e-9
-# In edges of a grid's cells: a wider box is kept in a coarser grid.
-WIDE = 3.0
-# The most cells of the finest grid around the posed body along an edge, and how many times it is coarsened.
-FINEST, LEVELS = 128, 8
-# Places of members are counted in 32 bits.
-MOST_MEMBERS = 2**31 - 1
 
 
 class Lattice(NamedTuple):
@@ -64,57 +64,44 @@ class Lattice(NamedTuple):
         # Outside the body weights may leave [0, 1], which would throw corners far away.
         weight = np.maximum(weight, 0).astype(np.float32)
         weight /= np.repeat(np.add.reduceat(weight, ends - bones), bones)
+        kept = weight > 0
         return cls(
             (weights.origin + weights.spacing * at).astype(np.float32),
-            np.concatenate([[0], ends]).astype(np.int32),
-            weights.bone[entry + np.repeat(weights.first[block], bones)],
-            weight,
+            np.append(0, np.cumsum(kept)[ends - 1]).astype(np.int32),
+            weights.bone[entry + np.repeat(weights.first[block], bones)][kept],
+            weight[kept],
             which.reshape(-1, 8).astype(np.int32),
             (weights.origin + weights.spacing * (place + size / 2)).astype(np.float32),
             (weights.spacing * size).astype(np.float32),
         )
 
 
-class Starts(NamedTuple):
-    """A lattice in a pose.
+class Images(NamedTuple):
+    """The cells of a lattice in a pose."""
 
-    Cells are kept in grids of doubled edges, each in the finest whose cells are not much smaller than its image.
-    """
-
-    box: np.ndarray  # (c, 6) lowest and highest corner of a box around the image of each cell
-    image: np.ndarray  # (c, 15) its centre; the linear map (3, 3) from there into edges of the cell; its reach in them
-    origin: np.ndarray  # (3,) of all grids
-    edge: np.ndarray  # (l,) of the cells of each grid
-    shape: np.ndarray  # (l, 3)
-    base: np.ndarray  # (l + 1,) where the cells of each grid begin in `first`
-    first: np.ndarray  # where the members of a grid's cell begin
-    member: np.ndarray  # cells of the lattice
-    reached: np.ndarray  # whether a cell of the finest grid, or one of a coarser grid around it, has members
+    # (c, 21) of each cell: lowest and highest corner of a box around its image; its centre; the linear map (3, 3) from
+    # there into edges of the cell, zero if the image is flat; its reach in them, infinite if it is flat.
+    cell: np.ndarray
+    low: np.ndarray  # (3,) lowest and highest corner of a box around all
+    high: np.ndarray
 
     @classmethod
     def of(cls, lattice: Lattice, B: np.ndarray) -> Self:
-        """The starts in a pose (b, 12)."""
-        count = len(lattice.corner)
-        x = np.empty((len(lattice.node), 3), dtype=np.float32)
-        box, image = np.empty((count, 6), dtype=np.float32), np.empty((count, 15), dtype=np.float32)
-        origin, extent = np.zeros(3, dtype=np.float32), np.zeros(3, dtype=np.float32)
-        _images(lattice, B, x, box, image, origin, extent)
-        finest = max(float(lattice.edge[:, 0].max(initial=0)), float(extent.max()) / FINEST, 1e-6)
-        edge = (finest * 2.0 ** np.arange(LEVELS)).astype(np.float32)
-        shape = (extent / edge[:, None]).astype(np.int64) + 1
-        base = np.concatenate([[0], np.cumsum(shape.prod(axis=1))])
-        first, level = np.zeros(base[-1] + 2, dtype=np.int32), np.empty(count, dtype=np.int32)
-        reached = np.zeros(base[1], dtype=np.bool_)
-        starts = cls(box, image, origin, edge, shape, base, first, np.empty(0, dtype=np.int32), reached)
-        members = _count(starts, level, first)
-        if members > MOST_MEMBERS:
-            raise ValueError(f"the grids of rest weights have too many cells: {count}")
-        member = np.empty(members, dtype=np.int32)
-        _fill(starts, level, first, member)
-        return starts._replace(member=member)
+        """The cells in a pose (b, 12)."""
+        cells, corners = len(lattice.corner), len(lattice.node)
+        x, lanes = np.empty((corners, 1, 8), dtype=np.float32), columns(B)
+        in_pieces(lambda begin, end: _pose(lattice, lanes, begin, end, x), corners, piece=PIECE)
+        cell, boxes = np.empty((cells, 21), dtype=np.float32), np.empty((-(-cells // PIECE), 2, 8), dtype=np.float32)
+
+        def move(begin: int, end: int) -> None:
+            slots = np.empty((1, 7, 8), dtype=np.float32)
+            _images(lattice, x, begin, end, cell, boxes, begin // PIECE, slots)
+
+        in_pieces(move, cells, piece=PIECE)
+        return cls(cell, boxes[:, 0, :3].min(axis=0), boxes[:, 1, :3].max(axis=0))
 
 
-@compiled
+@allocating
 def _divided(weights, distances, place, size, block):  # type: ignore[no-untyped-def]
     """Write the cells of blocks, halved where weights bend, as far as there is room, and return their number."""
     m0, m1, m2 = weights.cells
@@ -185,134 +172,90 @@ def _bend(weights, block, i, j, k, edge, e2):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _images(lattice, B, x, box, image, origin, extent):  # type: ignore[no-untyped-def]
-    """Pose the corners, and write the box and the linear map of every cell, and the box of all."""
-    for i in range(x.shape[0]):
-        p0, p1, p2 = lattice.node[i, 0], lattice.node[i, 1], lattice.node[i, 2]
-        x[i, 0] = x[i, 1] = x[i, 2] = np.float32(0)
+def _pose(lattice, B, begin, end, x):  # type: ignore[no-untyped-def]
+    """Write the images of corners in lanes."""
+    for i in range(begin, end):
+        sum0 = sum1 = spread(ZERO)
         for s in range(lattice.first[i], lattice.first[i + 1]):
-            b, w = lattice.bone[s], lattice.weight[s]
-            x[i, 0] += w * (B[b, 0] * p0 + B[b, 1] * p1 + B[b, 2] * p2 + B[b, 3])
-            x[i, 1] += w * (B[b, 4] * p0 + B[b, 5] * p1 + B[b, 6] * p2 + B[b, 7])
-            x[i, 2] += w * (B[b, 8] * p0 + B[b, 9] * p1 + B[b, 10] * p2 + B[b, 11])
-    e = np.empty((3, 3), dtype=np.float32)
-    for c in range(box.shape[0]):
-        widest = np.float32(0)
-        for r in range(3):
-            low = high = x[lattice.corner[c, 0], r]
-            total = along0 = along1 = along2 = np.float32(0)
+            b, w = lattice.bone[s], spread(lattice.weight[s])
+            sum0 += w * load(B, b, 0)
+            sum1 += w * load(B, b, 1)
+        p0, p1, p2 = lattice.node[i, 0], lattice.node[i, 1], lattice.node[i, 2]
+        found = sum0 * halves(p0, p1) + sum1 * halves(p2, np.float32(1))
+        store(x, i, 0, found + swapped(found))
+
+
+@compiled
+def _images(lattice, x, begin, end, cell, boxes, part, found):  # type: ignore[no-untyped-def]
+    """Write the box and the linear map of cells from their corners, and in boxes[part] the box of all."""
+    low_of_all, high_of_all = spread(np.float32(np.inf)), spread(np.float32(-np.inf))
+    half, quarter, zero = spread(np.float32(0.5)), spread(np.float32(0.25)), spread(ZERO)
+    for c in range(begin, end):
+        low = high = total = load(x, lattice.corner[c, 0], 0)
+        along0 = along1 = along2 = zero - total
+        for j in range(1, 8):
+            v = load(x, lattice.corner[c, j], 0)
+            low, high, total = smaller(low, v), larger(high, v), total + v
+            along0 = along0 + v if j & 4 else along0 - v
+            along1 = along1 + v if j & 2 else along1 - v
+            along2 = along2 + v if j & 1 else along2 - v
+        center, e0, e1, e2 = half * quarter * total, quarter * along0, quarter * along1, quarter * along2
+        store(found, 0, 0, e0)
+        store(found, 0, 1, e1)
+        store(found, 0, 2, e2)
+        store(found, 0, 3, center)
+        extent = high - low
+        widest = max(lane(extent, 0), max(lane(extent, 1), lane(extent, 2)))
+        solid = _invert(found, widest)
+        # The box of the corners, grown, and where it is smaller the box of the parallelepiped that the image fills.
+        grow = spread(np.float32(MARGIN)) * extent + spread(np.float32(MARGIN / 2) * widest)
+        low, high = low - grow, high + grow
+        if solid:
+            m0, m1, m2 = load(found, 0, 4), load(found, 0, 5), load(found, 0, 6)
+            reach = zero
             for j in range(8):
-                v = x[lattice.corner[c, j], r]
-                low, high = min(low, v), max(high, v)
-                total += v
-                along0 += v if j & 4 else -v
-                along1 += v if j & 2 else -v
-                along2 += v if j & 1 else -v
-            image[c, r] = total / np.float32(8)
-            e[r, 0], e[r, 1], e[r, 2] = along0 / np.float32(4), along1 / np.float32(4), along2 / np.float32(4)
-            box[c, r], box[c, 3 + r] = low, high
-            widest = max(widest, high - low)
-        _invert(lattice, x, c, e, widest, image)
+                node = lattice.corner[c, j]
+                off = load(x, node, 0) - center
+                u = m0 * spread(lane(off, 0)) + m1 * spread(lane(off, 1)) + m2 * spread(lane(off, 2))
+                reach = larger(reach, larger(u, zero - u))
+            reach = half + spread(np.float32(STRETCH)) * larger(reach - half, zero) + spread(np.float32(MARGIN))
+            far = larger(e0, zero - e0) * spread(lane(reach, 0))
+            far += larger(e1, zero - e1) * spread(lane(reach, 1))
+            far += larger(e2, zero - e2) * spread(lane(reach, 2))
+            low, high = larger(low, center - far), smaller(high, center + far)
+        else:
+            reach = spread(np.float32(np.inf))
+        low_of_all, high_of_all = smaller(low_of_all, low), larger(high_of_all, high)
+        store(found, 0, 0, low)
+        store(found, 0, 1, high)
+        store(found, 0, 2, reach)
         for r in range(3):
-            # The box of the corners, grown, and where it is smaller the box of the parallelepiped that the image fills.
-            grow = np.float32(MARGIN) * (box[c, 3 + r] - box[c, r]) + np.float32(MARGIN / 2) * widest
-            box[c, r] -= grow
-            box[c, 3 + r] += grow
-            if image[c, 12] > 0:
-                far = abs(e[r, 0]) * image[c, 12] + abs(e[r, 1]) * image[c, 13] + abs(e[r, 2]) * image[c, 14]
-                box[c, r] = max(box[c, r], image[c, r] - far)
-                box[c, 3 + r] = min(box[c, 3 + r], image[c, r] + far)
-            if c == 0 or box[c, r] < origin[r]:
-                origin[r] = box[c, r]
-            if c == 0 or box[c, 3 + r] > extent[r]:
-                extent[r] = box[c, 3 + r]
-    for r in range(3):
-        extent[r] -= origin[r]
+            cell[c, r], cell[c, 3 + r], cell[c, 6 + r] = found[0, 0, r], found[0, 1, r], found[0, 3, r]
+            cell[c, 9 + 3 * r], cell[c, 10 + 3 * r], cell[c, 11 + 3 * r] = (
+                found[0, 4, r],
+                found[0, 5, r],
+                found[0, 6, r],
+            )
+            cell[c, 18 + r] = found[0, 2, r]
+    store(boxes, part, 0, low_of_all)
+    store(boxes, part, 1, high_of_all)
 
 
-@compiled
-def _invert(lattice, x, c, e, widest, image):  # type: ignore[no-untyped-def]
-    """Write the inverse of a cell's linear map and how far its image reaches; of a flat cell there is none: -1."""
-    c0 = e[1, 1] * e[2, 2] - e[1, 2] * e[2, 1]
-    c1 = e[0, 2] * e[2, 1] - e[0, 1] * e[2, 2]
-    c2 = e[0, 1] * e[1, 2] - e[0, 2] * e[1, 1]
-    det = e[0, 0] * c0 + e[1, 0] * c1 + e[2, 0] * c2
-    m = image[c, 3:12]
-    reach = image[c, 12:15]
-    if not (abs(det) > np.float32(FLAT) * widest * widest * widest and widest > np.float32(SHORT)):
-        m[:] = np.float32(0)
-        reach[:] = np.float32(-1)
-        return
-    f = np.float32(1) / det
-    m[0], m[1], m[2] = f * c0, f * c1, f * c2
-    m[3] = f * (e[1, 2] * e[2, 0] - e[1, 0] * e[2, 2])
-    m[4] = f * (e[0, 0] * e[2, 2] - e[0, 2] * e[2, 0])
-    m[5] = f * (e[0, 2] * e[1, 0] - e[0, 0] * e[1, 2])
-    m[6] = f * (e[1, 0] * e[2, 1] - e[1, 1] * e[2, 0])
-    m[7] = f * (e[0, 1] * e[2, 0] - e[0, 0] * e[2, 1])
-    m[8] = f * (e[0, 0] * e[1, 1] - e[0, 1] * e[1, 0])
-    reach[:] = np.float32(0)
-    for j in range(8):
-        node = lattice.corner[c, j]
-        d0, d1, d2 = x[node, 0] - image[c, 0], x[node, 1] - image[c, 1], x[node, 2] - image[c, 2]
-        for r in range(3):
-            reach[r] = max(reach[r], abs(m[3 * r] * d0 + m[3 * r + 1] * d1 + m[3 * r + 2] * d2))
-    for r in range(3):
-        half = np.float32(0.5)
-        reach[r] = half + np.float32(STRETCH) * max(reach[r] - half, np.float32(0)) + np.float32(MARGIN)
-
-
-@compiled
-def _range(starts, c, level, r):  # type: ignore[no-untyped-def]
-    """First and last cell of a grid along an axis that the box of a cell of the lattice meets."""
-    inverse = np.float32(1) / starts.edge[level]
-    last = starts.shape[level, r] - 1
-    low = int((starts.box[c, r] - starts.origin[r]) * inverse)
-    return low, min(int((starts.box[c, 3 + r] - starts.origin[r]) * inverse), last)
-
-
-@compiled
-def _count(starts, level, first):  # type: ignore[no-untyped-def]
-    """Choose the grid of every cell, write where members of grid cells begin, one further on, and return their sum."""
-    for c in range(level.shape[0]):
-        b = starts.box[c]
-        widest = max(b[3] - b[0], max(b[4] - b[1], b[5] - b[2]))
-        level[c] = 0
-        while level[c] < starts.edge.shape[0] - 1 and np.float32(WIDE) * starts.edge[level[c]] < widest:
-            level[c] += 1
-        g = level[c]
-        (i0, i1), (j0, j1), (k0, k1) = _range(starts, c, g, 0), _range(starts, c, g, 1), _range(starts, c, g, 2)
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                at = starts.base[g] + (i * starts.shape[g, 1] + j) * starts.shape[g, 2]
-                for k in range(k0, k1 + 1):
-                    first[at + k + 2] += 1
-    total = 0
-    for i in range(first.shape[0]):
-        total += first[i]
-        first[i] = total
-    return total
-
-
-@compiled
-def _fill(starts, level, first, member):  # type: ignore[no-untyped-def]
-    """Write the members of all grid cells, move every beginning back to its own place, and mark what is reached."""
-    for c in range(level.shape[0]):
-        g = level[c]
-        (i0, i1), (j0, j1), (k0, k1) = _range(starts, c, g, 0), _range(starts, c, g, 1), _range(starts, c, g, 2)
-        for i in range(i0, i1 + 1):
-            for j in range(j0, j1 + 1):
-                at = starts.base[g] + (i * starts.shape[g, 1] + j) * starts.shape[g, 2]
-                for k in range(k0, k1 + 1):
-                    member[first[at + k + 1]] = c
-                    first[at + k + 1] += 1
-    for g in range(starts.edge.shape[0]):
-        if first[starts.base[g]] == first[starts.base[g + 1]]:
-            continue
-        for i in range(starts.shape[0, 0]):
-            for j in range(starts.shape[0, 1]):
-                at = (i * starts.shape[0, 1] + j) * starts.shape[0, 2]
-                above = starts.base[g] + ((i >> g) * starts.shape[g, 1] + (j >> g)) * starts.shape[g, 2]
-                for k in range(starts.shape[0, 2]):
-                    inside = above + (k >> g)
-                    starts.reached[at + k] |= first[inside + 1] > first[inside]
+@inlined
+def _invert(found, widest):  # type: ignore[no-untyped-def]
+    """Write the columns of the inverse of a cell's linear map, zero if it is flat; return whether it is not."""
+    a00, a10, a20 = found[0, 0, 0], found[0, 0, 1], found[0, 0, 2]
+    a01, a11, a21 = found[0, 1, 0], found[0, 1, 1], found[0, 1, 2]
+    a02, a12, a22 = found[0, 2, 0], found[0, 2, 1], found[0, 2, 2]
+    c0, c1, c2 = a11 * a22 - a12 * a21, a02 * a21 - a01 * a22, a01 * a12 - a02 * a11
+    det = a00 * c0 + a10 * c1 + a20 * c2
+    solid = abs(det) > np.float32(FLAT) * widest * widest * widest and widest > np.float32(SHORT)
+    f = np.float32(1) / det if solid else ZERO
+    found[0, 4, 0], found[0, 5, 0], found[0, 6, 0] = f * c0, f * c1, f * c2
+    found[0, 4, 1] = f * (a12 * a20 - a10 * a22)
+    found[0, 5, 1] = f * (a00 * a22 - a02 * a20)
+    found[0, 6, 1] = f * (a02 * a10 - a00 * a12)
+    found[0, 4, 2] = f * (a10 * a21 - a11 * a20)
+    found[0, 5, 2] = f * (a01 * a20 - a00 * a21)
+    found[0, 6, 2] = f * (a00 * a11 - a01 * a10)
+    return solid

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from nilbs.characters.character import Character
-from nilbs.engine.distances import Distances, divisions
+from nilbs.engine.distances import MOST_PARTS, Distances, divisions
 from nilbs.engine.search import SearchEngine
 from nilbs.engine.unit_frame import FAR, at_rest
 from nilbs.engine.weights import Weights
@@ -25,16 +25,16 @@ from nilbs.geometry.weight_blocks import EDGE, ONE, WeightBlocks
 # In units of L: the band around the body with rest weights, the distance beyond which they stay constant, and the
 # margin of both grids around the body.
 BAND, DEPTH, PAD = 0.03, 0.015, 0.05
-# Parts that the edge of a cell of distance is divided in: at the surface, and again, twice, where the distance at the
-# surface is more than this on average, in units of L; and the most values of all.
-PARTS, TOLERANCE, MOST_VALUES = (4, 2, 2), 7e-6, 6_500_000
+# Parts that the edge of a cell of distance is divided in: at the surface, and again where the distance at the surface
+# is more than this on average, in units of L; and the most values of all.
+PARTS, TOLERANCE, MOST_VALUES = (4, 2), 7e-6, 6_500_000
 # Distances are rounded to multiples of this, in units of L, or of what 16 bits need.
 UNIT = 1.2e-5
 # Weights below this are not kept; the rest of the row is scaled to sum to one.
 SMALLEST = 3e-4
 # In space: about how many nodes of a grid of weights lie in the body and the band, the most cells along its longest
 # edge, and how many cells of distance lie along the edge of one of weights, at the surface.
-NODES, MOST_CELLS, FINER = 1e5, 192, 8 / 3
+NODES, MOST_CELLS, FINER = 1e5, 192, 3.2
 # Cells along the longest edge in the plane, of distance at the surface and of weights.
 CELLS_IN_PLANE = (2048, 256)
 DISTANCE, WEIGHTS = "rest.distance", "rest.weights"
@@ -236,8 +236,9 @@ def check_rest_state(state: RestState, character: Character) -> None:
         (origin,) = arrays(**{f"{name}_origin": (state.arrays[f"rest.{name}.origin"], f"{d}")})
         if not np.abs(origin).max() < FAR:
             raise ValueError(f"the grid of rest {name} begins very far away, at {origin.tolist()}")
-    if type(parts) is not list or len(parts) > 8 or not all(type(part) is int and 2 <= part <= 64 for part in parts):
-        raise ValueError(f"cells must be divided at most 8 times in 2 to 64 parts, got {parts}")
+    most = round(MOST_PARTS ** (1 / d))
+    if type(parts) is not list or len(parts) > 8 or not all(type(part) is int and 2 <= part <= most for part in parts):
+        raise ValueError(f"edges of cells must be divided at most 8 times in 2 to {most} parts, got {parts}")
     _check_distances(state.arrays, d, parts)
     _check_weights(state.arrays, d, b)
 

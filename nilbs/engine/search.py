@@ -4,16 +4,21 @@ It computes what `nilbs.fields.search.SearchField` does by the mapping "search",
 where searches start: `nilbs.engine.lattice` instead of `nilbs.fields.overlap`.
 """
 
+import threading
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
 from nilbs.engine.answer import Answer
-from nilbs.engine.compiled import compiled, in_pieces, inlined
+from nilbs.engine.compiled import PROBLEM, compiled, in_pieces, inlined, threads
 from nilbs.engine.distances import Distances, rest_distance
-from nilbs.engine.lattice import Lattice, Starts
-from nilbs.engine.weights import Weights, counted, forward, transforms
+from nilbs.engine.lattice import Images, Lattice
+from nilbs.engine.sorted_points import SortedPoints
+from nilbs.engine.weights import Weights, columns, counted, forward, transforms
+
+if PROBLEM is None:
+    from nilbs.engine.lanes import bits, both, larger, load_at, lowest, spread, store
 
 # Lengths are in units of the body's longest edge, as in `nilbs.fields.newton`.
 ROOT = 1e-3  # a larger residual is no root
@@ -28,10 +33,8 @@ SMALLEST = 1e-4
 SAME, ASIDE = 0.4, 0.6
 # The most starts of a point: those whose cells it lies deepest in.
 MOST = 32
-# The most cells of the lattice that are looked at for a point.
-MEMBERS = 4096
-# Points that a thread takes at once.
-PIECE = 2048
+# Points that a thread takes at once: at most, and at least.
+PIECE, LEAST = 2048, 256
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class PosedSearch:
     def __init__(self, engine: SearchEngine, B: np.ndarray) -> None:
         self.engine = engine
         pose = transforms(B)
-        self._starts, self._B = Starts.of(engine.lattice, pose), counted(pose)
+        self._cells, self._B = Images.of(engine.lattice, pose), columns(counted(pose))
         self.queries = self.evaluations = 0
 
     def __call__(self, x: np.ndarray, to_unit: np.ndarray) -> Answer[np.ndarray]:
@@ -87,32 +90,29 @@ class PosedSearch:
         A point without a canonical point is infinitely far outside, and its canonical point is nan.
         """
         e, n = self.engine, len(x)
-        place, key = np.empty((n, 3), dtype=np.float32), np.empty(n, dtype=np.int32)
-        x, to_unit = np.ascontiguousarray(x, dtype=np.float64), np.ascontiguousarray(to_unit, dtype=np.float64)
-        in_pieces(lambda begin, end: _placed(x, to_unit, self._starts, begin, end, place, key), n, piece=8 * PIECE)
-        order = np.empty(n, dtype=np.int32)
-        count = _sorted(key, int(self._starts.base[1]), order)
         distance = np.full(n, np.inf, dtype=np.float32)
         x_rest = np.full((n, 3), np.nan, dtype=np.float32)
-        looks = np.zeros(-(-count // PIECE), dtype=np.int64)
+        points = SortedPoints.of(x, to_unit, self._cells.low, self._cells.high)
+        count = len(points.number)
+        piece = min(max(-(-count // threads()), LEAST), PIECE)
+        looks = np.zeros(-(-count // piece), dtype=np.int64)
 
         def search(begin: int, end: int) -> None:
-            looks[begin // PIECE] = _search(
-                place,
-                key,
-                order,
+            looks[begin // piece] = _search(
+                points,
                 begin,
                 end,
+                _kept.room,
                 e.weights,
                 e.distances,
                 e.lattice,
-                self._starts,
+                self._cells.cell,
                 self._B,
                 distance,
                 x_rest,
             )
 
-        in_pieces(search, count, piece=PIECE)
+        in_pieces(search, count, piece=piece)
         self.queries += n
         self.evaluations += int(looks.sum())
         return Answer(distance, distance, x_rest[:, : e.d], e.width)
@@ -122,82 +122,71 @@ class PosedSearch:
         n, d = x_rest.shape
         place, found = np.zeros((n, 3), dtype=np.float32), np.empty((n, 3), dtype=np.float32)
         place[:, :d] = x_rest
-        in_pieces(lambda begin, end: _images(place, begin, end, self.engine.weights, self._B, found), n, piece=PIECE)
+        weights = self.engine.weights
+
+        def move(begin: int, end: int) -> None:
+            _images(place, begin, end, _kept.room.slots, weights, self._B, found)
+
+        in_pieces(move, n, piece=PIECE)
         return found[:, :d]
 
 
+class _Room(NamedTuple):
+    """What a search writes on the way: the starts of its points, the roots of one, and lanes."""
+
+    starts: np.ndarray
+    cell: np.ndarray
+    depth: np.ndarray
+    at: np.ndarray
+    roots: np.ndarray
+    slots: np.ndarray
+
+
+class _Kept(threading.local):
+    """The room of each thread."""
+
+    def __init__(self) -> None:
+        self.room = _Room(
+            np.empty(PIECE, dtype=np.int32),
+            np.empty((PIECE, MOST), dtype=np.int32),
+            np.empty((PIECE, MOST), dtype=np.float32),
+            np.empty((PIECE, MOST, 3), dtype=np.float32),
+            np.empty((MOST, 3), dtype=np.float32),
+            np.empty((1, 4, 8), dtype=np.float32),
+        )
+
+
+_kept = _Kept()
+
+
 @compiled
-def _images(place, begin, end, weights, B, found):  # type: ignore[no-untyped-def]
+def _images(place, begin, end, slots, weights, B, found):  # type: ignore[no-untyped-def]
     """Write the images of rest points."""
     for i in range(begin, end):
-        x = forward(place[i, 0], place[i, 1], place[i, 2], weights, B)
+        x = forward(place[i, 0], place[i, 1], place[i, 2], weights, B, slots)
         found[i, 0], found[i, 1], found[i, 2] = x[0], x[1], x[2]
 
 
 @compiled
-def _placed(x, move, starts, begin, end, place, key):  # type: ignore[no-untyped-def]
-    """Write points in the unit frame, and their cells in the finest grid of starts, -1 outside all."""
-    d = x.shape[1]
-    for i in range(begin, end):
-        place[i, 2] = np.float32(0)
-        for r in range(d):
-            v = move[r, d]
-            for j in range(d):
-                v += move[r, j] * x[i, j]
-            place[i, r] = np.float32(v)
-        at = _grid_cell(starts, 0, place[i, 0], place[i, 1], place[i, 2])
-        key[i] = at if at >= 0 and starts.reached[at] else -1
-
-
-@inlined
-def _grid_cell(starts, level, p0, p1, p2):  # type: ignore[no-untyped-def]
-    """Number of the cell of a grid that a point lies in, or -1."""
-    inverse = np.float32(1) / starts.edge[level]
-    f0, f1, f2 = (p0 - starts.origin[0]) * inverse, (p1 - starts.origin[1]) * inverse, (p2 - starts.origin[2]) * inverse
-    n0, n1, n2 = starts.shape[level, 0], starts.shape[level, 1], starts.shape[level, 2]
-    inside = f0 >= 0 and f1 >= 0 and f2 >= 0 and f0 < n0 and f1 < n1 and f2 < n2
-    return starts.base[level] + (int(f0) * n1 + int(f1)) * n2 + int(f2) if inside else -1
-
-
-@compiled
-def _sorted(key, cells, order):  # type: ignore[no-untyped-def]
-    """Write the points that have a cell by cells, and return their number."""
-    first = np.zeros(cells + 1, dtype=np.int32)
-    for i in range(key.shape[0]):
-        if key[i] >= 0:
-            first[key[i] + 1] += 1
-    for c in range(cells):
-        first[c + 1] += first[c]
-    for i in range(key.shape[0]):
-        if key[i] >= 0:
-            order[first[key[i]]] = i
-            first[key[i]] += 1
-    return first[cells]
-
-
-@compiled
-def _search(place, key, order, begin, end, weights, distances, lattice, starts, B, distance, x_rest):  # type: ignore[no-untyped-def]
+def _search(points, begin, end, room, weights, distances, lattice, cells, B, distance, x_rest):  # type: ignore[no-untyped-def]
     """Search the roots of points; write the smallest distance at one and where it is, and return the look-ups."""
-    cell, depth = np.empty(MOST, dtype=np.int32), np.empty(MOST, dtype=np.float32)
-    at = np.empty((MOST, 3), dtype=np.float32)
-    roots = np.empty((MOST, 3), dtype=np.float32)
-    member, hit = np.empty(MEMBERS, dtype=np.int32), np.empty(MEMBERS, dtype=np.bool_)
-    low, high = np.empty((3, MEMBERS), dtype=np.float32), np.empty((3, MEMBERS), dtype=np.float32)
-    looks = members = 0
-    here = -1
-    for which in range(begin, end):
-        i = order[which]
-        p0, p1, p2 = place[i, 0], place[i, 1], place[i, 2]
-        if key[i] != here:  # cells of coarser grids hold whole cells of the finest: what is there is the same
-            here = key[i]
-            members = _members(p0, p1, p2, starts, member, low, high)
-        count = _candidates(p0, p1, p2, lattice, starts, members, member, low, high, hit, cell, depth, at)
+    n = end - begin
+    _starts(points, begin, end, lattice, cells, room)
+    count, cell, at, roots, slots = room.starts, room.cell, room.at, room.roots, room.slots
+    looks = 0
+    for s in range(n):
+        i = points.number[begin + s]
+        p0, p1, p2 = points.x[begin + s], points.y[begin + s], points.z[begin + s]
         found = 0
         best = np.float32(np.inf)
-        for j in range(count):
-            if _known(at, j, np.float32(SAME) * lattice.edge[cell[j], 0], roots, found):
+        for j in range(count[s]):
+            if _known(
+                at[s, j, 0], at[s, j, 1], at[s, j, 2], np.float32(SAME) * lattice.edge[cell[s, j], 0], roots, found
+            ):
                 continue
-            residual, r0, r1, r2, turned, evaluations = _newton(p0, p1, p2, at[j, 0], at[j, 1], at[j, 2], weights, B)
+            residual, r0, r1, r2, turned, evaluations = _newton(
+                p0, p1, p2, at[s, j, 0], at[s, j, 1], at[s, j, 2], weights, B, slots
+            )
             looks += evaluations
             if residual < np.float32(ROOT):
                 if not turned:  # near a root at which space is turned inside out lie others
@@ -214,78 +203,84 @@ def _search(place, key, order, begin, end, weights, distances, lattice, starts, 
 
 
 @inlined
-def _members(p0, p1, p2, starts, member, low, high):  # type: ignore[no-untyped-def]
-    """Write the cells of the lattice that the grid has where a point lies, and their boxes; return their number."""
-    count = 0
-    for level in range(starts.edge.shape[0]):
-        g = _grid_cell(starts, level, p0, p1, p2)
-        if g >= 0:
-            for s in range(starts.first[g], min(starts.first[g + 1], starts.first[g] + MEMBERS - count)):
-                c = starts.member[s]
-                member[count] = c
-                for r in range(3):
-                    low[r, count], high[r, count] = starts.box[c, r], starts.box[c, 3 + r]
-                count += 1
-    return count
+def _starts(points, begin, end, lattice, cells, room):  # type: ignore[no-untyped-def]
+    """Write the cells whose images hold each point, the deepest first, with a rest place in each, and their number."""
+    count, cell, depth, at, slots = room.starts, room.cell, room.depth, room.at, room.slots
+    count[: end - begin] = 0
+    n0, n1, n2 = points.shape
+    scale, o0, o1, o2 = points.scale, points.origin[0], points.origin[1], points.origin[2]
+    # The pieces of points are slabs of the grid.
+    first0 = last0 = 0
+    for i in range(n0):
+        first0 = i if points.first[i * n1 * n2] <= begin else first0
+        last0 = i if points.first[i * n1 * n2] < end else last0
+    zero, aside = spread(np.float32(0)), np.float32(ASIDE)
+    for c in range(cells.shape[0]):
+        i0, i1 = max(int((cells[c, 0] - o0) * scale), first0), min(int((cells[c, 3] - o0) * scale), last0)
+        if i0 > i1:
+            continue
+        j0, j1 = int((cells[c, 1] - o1) * scale), min(int((cells[c, 4] - o1) * scale), n1 - 1)
+        k0, k1 = int((cells[c, 2] - o2) * scale), min(int((cells[c, 5] - o2) * scale), n2 - 1)
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                row = (i * n1 + j) * n2
+                s, e = max(points.first[row + k0], begin), min(points.first[row + k1 + 1], end)
+                while s < e:
+                    x0, x1, x2 = load_at(points.x, s), load_at(points.y, s), load_at(points.z, s)
+                    below = both(both(spread(cells[c, 0]) <= x0, spread(cells[c, 1]) <= x1), spread(cells[c, 2]) <= x2)
+                    above = both(both(x0 <= spread(cells[c, 3]), x1 <= spread(cells[c, 4])), x2 <= spread(cells[c, 5]))
+                    d0, d1, d2 = x0 - spread(cells[c, 6]), x1 - spread(cells[c, 7]), x2 - spread(cells[c, 8])
+                    u0 = spread(cells[c, 9]) * d0 + spread(cells[c, 10]) * d1 + spread(cells[c, 11]) * d2
+                    u1 = spread(cells[c, 12]) * d0 + spread(cells[c, 13]) * d1 + spread(cells[c, 14]) * d2
+                    u2 = spread(cells[c, 15]) * d0 + spread(cells[c, 16]) * d1 + spread(cells[c, 17]) * d2
+                    v0, v1, v2 = larger(u0, zero - u0), larger(u1, zero - u1), larger(u2, zero - u2)
+                    reached = both(
+                        both(v0 <= spread(cells[c, 18]), v1 <= spread(cells[c, 19])), v2 <= spread(cells[c, 20])
+                    )
+                    left = bits(both(both(below, above), reached)) & ((1 << min(e - s, 8)) - 1)
+                    if left:
+                        store(slots, 0, 0, u0)
+                        store(slots, 0, 1, u1)
+                        store(slots, 0, 2, u2)
+                        store(slots, 0, 3, larger(larger(v0, v1), v2))
+                    while left:
+                        k = lowest(left)
+                        left &= left - 1
+                        here = s + k - begin
+                        v = slots[0, 3, k]
+                        if cells[c, 18] == np.float32(np.inf):  # flat: after those that certainly hold the point
+                            v = np.float32(0.5)
+                        m = count[here]
+                        if m == MOST:
+                            if not v < depth[here, m - 1]:
+                                continue
+                            m -= 1
+                        count[here] = m + 1
+                        # Cells come in order, so that of two as deep the earlier stays before the later.
+                        while m > 0 and depth[here, m - 1] > v:
+                            cell[here, m], depth[here, m] = cell[here, m - 1], depth[here, m - 1]
+                            for r in range(3):
+                                at[here, m, r] = at[here, m - 1, r]
+                            m -= 1
+                        cell[here, m], depth[here, m] = c, v
+                        for r in range(3):
+                            aside_by = min(max(slots[0, r, k], -aside), aside)
+                            at[here, m, r] = lattice.center[c, r] + lattice.edge[c, r] * aside_by
+                    s += 8
 
 
 @inlined
-def _candidates(p0, p1, p2, lattice, starts, members, member, low, high, hit, cell, depth, at):  # type: ignore[no-untyped-def]
-    """Write the cells whose images hold a point, the deepest first, with a rest place in each; return their number."""
-    for s in range(members):  # without branches, so that several are compared at once
-        hit[s] = (
-            (p0 >= low[0, s])
-            & (p1 >= low[1, s])
-            & (p2 >= low[2, s])
-            & (p0 <= high[0, s])
-            & (p1 <= high[1, s])
-            & (p2 <= high[2, s])
-        )
-    count = 0
-    aside = np.float32(ASIDE)
-    for s in range(members):
-        if not hit[s]:
-            continue
-        c = member[s]
-        m = starts.image[c]
-        d0, d1, d2 = p0 - m[0], p1 - m[1], p2 - m[2]
-        u0 = m[3] * d0 + m[4] * d1 + m[5] * d2
-        u1 = m[6] * d0 + m[7] * d1 + m[8] * d2
-        u2 = m[9] * d0 + m[10] * d1 + m[11] * d2
-        v = max(abs(u0), max(abs(u1), abs(u2)))
-        if m[12] < 0:  # flat: after those that certainly hold the point
-            v = np.float32(0.5)
-        elif abs(u0) > m[12] or abs(u1) > m[13] or abs(u2) > m[14]:
-            continue
-        if count == MOST:
-            if not v < depth[count - 1]:
-                continue
-            count -= 1
-        j = count
-        while j > 0 and (depth[j - 1] > v or (depth[j - 1] == v and cell[j - 1] > c)):
-            cell[j], depth[j] = cell[j - 1], depth[j - 1]
-            at[j, 0], at[j, 1], at[j, 2] = at[j - 1, 0], at[j - 1, 1], at[j - 1, 2]
-            j -= 1
-        cell[j], depth[j] = c, v
-        at[j, 0] = lattice.center[c, 0] + lattice.edge[c, 0] * min(max(u0, -aside), aside)
-        at[j, 1] = lattice.center[c, 1] + lattice.edge[c, 1] * min(max(u1, -aside), aside)
-        at[j, 2] = lattice.center[c, 2] + lattice.edge[c, 2] * min(max(u2, -aside), aside)
-        count += 1
-    return count
-
-
-@inlined
-def _known(at, j, same, roots, found):  # type: ignore[no-untyped-def]
-    """Whether one of the roots found is as near to a start as `same`."""
+def _known(q0, q1, q2, same, roots, found):  # type: ignore[no-untyped-def]
+    """Whether one of the roots found is as near to a place as `same`."""
     for k in range(found):
-        d0, d1, d2 = at[j, 0] - roots[k, 0], at[j, 1] - roots[k, 1], at[j, 2] - roots[k, 2]
+        d0, d1, d2 = q0 - roots[k, 0], q1 - roots[k, 1], q2 - roots[k, 2]
         if d0 * d0 + d1 * d1 + d2 * d2 < same * same:
             return True
     return False
 
 
 @inlined
-def _newton(p0, p1, p2, r0, r1, r2, weights, B):  # type: ignore[no-untyped-def]
+def _newton(p0, p1, p2, r0, r1, r2, weights, B, slots):  # type: ignore[no-untyped-def]
     """Residual and place of the best point met, whether space is turned inside out there, and look-ups.
 
     See `nilbs.fields.newton.newton`.
@@ -296,7 +291,7 @@ def _newton(p0, p1, p2, r0, r1, r2, weights, B):  # type: ignore[no-untyped-def]
     evaluations = 0
     for _ in range(ITERATIONS + 1):
         q0, q1, q2 = r0 + s0, r1 + s1, r2 + s2
-        x0, x1, x2, a00, a01, a02, a10, a11, a12, a20, a21, a22 = forward(q0, q1, q2, weights, B)
+        x0, x1, x2, a00, a01, a02, a10, a11, a12, a20, a21, a22 = forward(q0, q1, q2, weights, B, slots)
         evaluations += 1
         m0, m1, m2 = p0 - x0, p1 - x1, p2 - x2
         residual = np.sqrt(m0 * m0 + m1 * m1 + m2 * m2)

@@ -10,11 +10,11 @@ and among equals that of the smallest index, in whatever order boxes are opened.
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from nilbs.engine.compiled import PROBLEM, compiled, in_pieces, inlined
+from nilbs.engine.compiled import PROBLEM, allocating, compiled, in_pieces, inlined
 from nilbs.geometry.validation import arrays
 
 if PROBLEM is None:
@@ -70,6 +70,23 @@ class _Fitted(NamedTuple):
     offset: int
     centre: np.ndarray
     scale: float
+
+
+class _Room(NamedTuple):
+    """What a search writes on the way: boxes that wait to be opened, and four points with their closest triangles."""
+
+    squares: np.ndarray
+    waiting: np.ndarray
+    four: np.ndarray
+    places: np.ndarray
+
+    @classmethod
+    def new(cls) -> Self:
+        """An empty one."""
+        return cls(
+            np.empty(WAITING, dtype=np.float32), np.empty(WAITING, dtype=np.int64), np.zeros((1, 12, 4)),
+            np.empty((1, 3, 4)),
+        )  # fmt: skip
 
 
 class SurfaceTree:
@@ -176,7 +193,11 @@ class PosedSurface:
         in_pieces(partial(_cells, fitted.centre, fitted.scale, power, x, cells), n, piece=PIECE)
         _order(cells, 8**power, order)
         found = ClosestPoints(np.empty(n), np.empty(n, np.int64), np.empty((n, d)), np.empty((n, d)))
-        in_pieces(partial(_search, fitted, x, order, float(within), found), n, piece=PIECE)
+
+        def search(begin: int, end: int) -> None:
+            _search(fitted, x, order, float(within), _Room.new(), found, begin, end)
+
+        in_pieces(search, n, piece=PIECE)
         return found
 
 
@@ -199,7 +220,7 @@ def _shape(count: int) -> tuple[int, int, list[int]]:
     return children * below, children - 7, levels
 
 
-@compiled
+@allocating
 def _sort_facets(middles: np.ndarray, order: np.ndarray, leaves: int) -> None:
     """Sort facets so that those of leaf i, and those below every node, are neighbours in space.
 
@@ -254,7 +275,7 @@ def _select(middles: np.ndarray, order: np.ndarray, axis: int, begin: int, end: 
             return
 
 
-@compiled
+@allocating
 def _fill(E: np.ndarray, order: np.ndarray, corners: np.ndarray, facets: np.ndarray) -> None:
     """Give each leaf its facets, by index; the last one fills what is left of four."""
     m, leaves = len(order), len(facets)
@@ -270,7 +291,7 @@ def _fill(E: np.ndarray, order: np.ndarray, corners: np.ndarray, facets: np.ndar
 # ---------------------------------------------------------------------------------------------------- fitting to a pose
 
 
-@compiled
+@allocating
 def _frame(U: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, float]:
     """Centre of the box of the vertices in use, and one over half its longest edge."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -318,7 +339,7 @@ def _fit_nodes(fitted: _Fitted, first: int, begin: int, end: int) -> None:
 # --------------------------------------------------------------------------------------------------- sorting of points
 
 
-@compiled
+@allocating
 def _cells(
     centre: np.ndarray, scale: float, power: int, x: np.ndarray, cells: np.ndarray, begin: int, end: int
 ) -> None:
@@ -337,7 +358,7 @@ def _cells(
         cells[i] = cell
 
 
-@compiled
+@allocating
 def _order(cells: np.ndarray, count: int, order: np.ndarray) -> None:
     """Points in the order of their cells."""
     first = np.zeros(count + 1, np.int64)
@@ -355,11 +376,11 @@ def _order(cells: np.ndarray, count: int, order: np.ndarray) -> None:
 
 @compiled
 def _search(
-    fitted: _Fitted, x: np.ndarray, order: np.ndarray, within: float, found: ClosestPoints, begin: int, end: int
-) -> None:
+    fitted: _Fitted, x: np.ndarray, order: np.ndarray, within: float, room: _Room, found: ClosestPoints, begin: int,
+    end: int,
+) -> None:  # fmt: skip
     """Closest places to points in this order; four are evaluated at a time, once their triangles have been found."""
-    squares, waiting = np.empty(WAITING, np.float32), np.empty(WAITING, np.int64)
-    four, places = np.zeros((1, 12, 4)), np.empty((1, 3, 4))
+    squares, waiting, four, places = room.squares, room.waiting, room.four, room.places
     slot, count = -1, 0
     for j in range(begin, end):
         i = order[j]

@@ -6,7 +6,6 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from nilbs.characters.character import Character
-from nilbs.geometry.rotations import rigid_transforms
 
 # A transform with a smaller determinant counts as singular.
 SINGULAR = 1e-12
@@ -44,12 +43,13 @@ class UnitFrame(Generic[Array]):
     B: Array
 
     def __init__(self, character: Character, pose: Array) -> None:
-        d, L, center = character.d, character.L, rest_center(character)
+        d, L, center = character.d, character.L, character.center
         linalg = _linalg(pose)
         determinant = linalg.det(pose[..., :d, :d])  # type: ignore[index]
         _check(abs(determinant) < SINGULAR, "has a singular transform; fields take its inverse")
-        to_unit = _like(rigid_transforms(np.eye(d) / L, -center / L), pose)
-        from_unit = _like(rigid_transforms(np.eye(d) * L, center), pose)
+        to_unit, from_unit = np.eye(d + 1) / L, np.eye(d + 1) * L
+        to_unit[:, d], from_unit[:, d] = np.append(-center / L, 1), np.append(center, 1)
+        to_unit, from_unit = _like(to_unit, pose), _like(from_unit, pose)
         self.character, self._root = character, pose[..., root_bone(character), :, :]  # type: ignore[index]
         self._to_root = to_unit @ linalg.inv(self._root)
         self.B = self._to_root[..., None, :, :] @ pose @ from_unit
@@ -71,7 +71,7 @@ class UnitFrame(Generic[Array]):
         """Points (..., n, d) of the unit frame in mesh units."""
         c, d = self.character, self.character.d
         x: Any = x_unit
-        x = x * c.L + _like(rest_center(c), x_unit)
+        x = x * c.L + _like(c.center, x_unit)
         return x @ self._root[..., :d, :d].mT + self._root[..., None, :d, d]
 
     @property
@@ -81,11 +81,6 @@ class UnitFrame(Generic[Array]):
         return _linalg(self._root).inv(self._root[..., :d, :d])
 
 
-def rest_center(character: Character) -> np.ndarray:
-    """Centre (d,) of the rest mesh's bounding box."""
-    return (character.V.min(axis=0) + character.V.max(axis=0)) / 2
-
-
 def root_bone(character: Character) -> int:
     """The first bone without a parent."""
     return int(np.flatnonzero(character.skeleton.P < 0)[0])
@@ -93,7 +88,7 @@ def root_bone(character: Character) -> int:
 
 def at_rest(character: Character, points: np.ndarray) -> np.ndarray:
     """Rest points (..., d) in the unit frame."""
-    return (points - rest_center(character)) / character.L
+    return (points - character.center) / character.L
 
 
 def first_joints(character: Character) -> np.ndarray:

@@ -5,11 +5,29 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from nilbs.engine.compiled import inlined
+from nilbs.engine.compiled import PROBLEM, inlined
 from nilbs.geometry.plane import transforms_in_space
 from nilbs.geometry.weight_blocks import EDGE, ONE, WeightBlocks
 
+if PROBLEM is None:
+    from nilbs.engine.lanes import (
+        bits,
+        filled,
+        halves,
+        joined,
+        lane,
+        load,
+        load_counts,
+        lowest,
+        numbers,
+        spread,
+        store,
+        swapped,
+    )  # fmt: skip
+
 ZERO = np.float32(0)
+# Weights that are loaded at once.
+LOADED = 8
 
 
 class Weights(NamedTuple):
@@ -25,7 +43,7 @@ class Weights(NamedTuple):
     place: np.ndarray  # (k, 3) first cell of each block
     first: np.ndarray  # (k + 1,) where its bones begin
     bone: np.ndarray
-    weight: np.ndarray  # of each node of a block the weights of its bones, in parts of `ONE`
+    weight: np.ndarray  # of each node of a block the weights of its bones, in parts of `ONE`; then `LOADED` zeros
 
     @classmethod
     def of(cls, blocks: WeightBlocks, origin: np.ndarray, spacing: float) -> Self:
@@ -50,7 +68,7 @@ class Weights(NamedTuple):
             place * np.array(cells, dtype=np.int32),
             blocks.first.astype(np.int64),
             blocks.bone.astype(np.int32),
-            weight,
+            np.append(weight, np.zeros(LOADED, dtype=weight.dtype)),
         )
 
 
@@ -69,60 +87,89 @@ def counted(B: np.ndarray) -> np.ndarray:
     return B / np.float32(ONE)
 
 
+def columns(B: np.ndarray) -> np.ndarray:
+    """Transforms (b, 12) in lanes: columns (b, 2, 8) of four numbers, of which the last is zero."""
+    found = np.zeros((len(B), 4, 4), dtype=np.float32)
+    found[..., :3] = B.reshape(-1, 3, 4).transpose(0, 2, 1)
+    return found.reshape(-1, 2, 8)
+
+
 @inlined
-def forward(p0, p1, p2, weights, B):  # type: ignore[no-untyped-def]
-    """The image of a rest point and its derivative, row by row, in a pose that `counted` returned."""
-    m0, m1, m2 = weights.cells
+def weight_cell(p0, p1, p2, weights):  # type: ignore[no-untyped-def]
+    """The cell of a rest point: where its weights begin, steps between them, its bones, and the place in it."""
+    m2 = weights.cells[2]
     inverse = np.float32(1) / weights.spacing
     f0 = (p0 - weights.origin[0]) * inverse
     f1 = (p1 - weights.origin[1]) * inverse
     f2 = (p2 - weights.origin[2]) * inverse
     n0, n1, n2 = weights.block.shape
-    block = weights.block[
-        min(max(int(f0) // m0, 0), n0 - 1), min(max(int(f1) // m1, 0), n1 - 1), min(max(int(f2) // m2, 0), n2 - 1)
-    ]
-    f0 = min(max(f0 - np.float32(weights.place[block, 0]), ZERO), np.float32(m0))
-    f1 = min(max(f1 - np.float32(weights.place[block, 1]), ZERO), np.float32(m1))
+    b0, b1 = min(max(int(f0) // EDGE, 0), n0 - 1), min(max(int(f1) // EDGE, 0), n1 - 1)
+    b2 = min(max(int(f2) // EDGE if m2 == EDGE else int(f2), 0), n2 - 1)
+    block = weights.block[b0, b1, b2]
+    f0 = min(max(f0 - np.float32(weights.place[block, 0]), ZERO), np.float32(EDGE))
+    f1 = min(max(f1 - np.float32(weights.place[block, 1]), ZERO), np.float32(EDGE))
     f2 = min(max(f2 - np.float32(weights.place[block, 2]), ZERO), np.float32(m2))
-    i0, i1, i2 = min(int(f0), m0 - 1), min(int(f1), m1 - 1), min(int(f2), m2 - 1)
-    f0 -= np.float32(i0)
-    f1 -= np.float32(i1)
-    f2 -= np.float32(i2)
+    i0, i1, i2 = min(int(f0), EDGE - 1), min(int(f1), EDGE - 1), min(int(f2), m2 - 1)
     begin = weights.first[block]
     bones = weights.first[block + 1] - begin
     s1 = (m2 + 1) * bones
-    s0 = (m1 + 1) * s1
-    at = begin * ((m0 + 1) * (m1 + 1) * (m2 + 1)) + i0 * s0 + i1 * s1 + i2 * bones
+    s0 = (EDGE + 1) * s1
+    at = begin * ((EDGE + 1) * (EDGE + 1) * (m2 + 1)) + i0 * s0 + i1 * s1 + i2 * bones
+    return at, s0, s1, begin, bones, f0 - np.float32(i0), f1 - np.float32(i1), f2 - np.float32(i2)
+
+
+@inlined
+def forward(p0, p1, p2, weights, B, slots):  # type: ignore[no-untyped-def]
+    """The image of a rest point and its derivative, row by row, in a pose from `columns` of `counted` transforms.
+
+    Slots (1, 4, 8) are overwritten.
+    """
+    at, s0, s1, begin, bones, f0, f1, f2 = weight_cell(p0, p1, p2, weights)
+    inverse = np.float32(1) / weights.spacing
+    h0, h1, h2 = spread(f0), spread(f1), spread(f2)
     w = weights.weight
-    x0 = x1 = x2 = a00 = a01 = a02 = a10 = a11 = a12 = a20 = a21 = a22 = ZERO
-    for k in range(bones):
-        # The weight of a bone and its slopes by trilinear interpolation.
-        v000, v001 = np.float32(w[at + k]), np.float32(w[at + bones + k])
-        v010, v011 = np.float32(w[at + s1 + k]), np.float32(w[at + s1 + bones + k])
-        v100, v101 = np.float32(w[at + s0 + k]), np.float32(w[at + s0 + bones + k])
-        v110, v111 = np.float32(w[at + s0 + s1 + k]), np.float32(w[at + s0 + s1 + bones + k])
-        d00, d01, d10, d11 = v001 - v000, v011 - v010, v101 - v100, v111 - v110
-        e0, e1 = d00 + f1 * (d01 - d00), d10 + f1 * (d11 - d10)
-        u00, u01, u10, u11 = v000 + f2 * d00, v010 + f2 * d01, v100 + f2 * d10, v110 + f2 * d11
-        h0, h1 = u01 - u00, u11 - u10
-        t0, t1 = u00 + f1 * h0, u10 + f1 * h1
-        v = t0 + f0 * (t1 - t0)
-        g0, g1, g2 = (t1 - t0) * inverse, (h0 + f0 * (h1 - h0)) * inverse, (e0 + f0 * (e1 - e0)) * inverse
-        # The derivative of w (R x + t) is w R and the image of x times the slope.
-        b = weights.bone[begin + k]
-        y = B[b, 0] * p0 + B[b, 1] * p1 + B[b, 2] * p2 + B[b, 3]
-        x0 += v * y
-        a00 += v * B[b, 0] + g0 * y
-        a01 += v * B[b, 1] + g1 * y
-        a02 += v * B[b, 2] + g2 * y
-        y = B[b, 4] * p0 + B[b, 5] * p1 + B[b, 6] * p2 + B[b, 7]
-        x1 += v * y
-        a10 += v * B[b, 4] + g0 * y
-        a11 += v * B[b, 5] + g1 * y
-        a12 += v * B[b, 6] + g2 * y
-        y = B[b, 8] * p0 + B[b, 9] * p1 + B[b, 10] * p2 + B[b, 11]
-        x2 += v * y
-        a20 += v * B[b, 8] + g0 * y
-        a21 += v * B[b, 9] + g1 * y
-        a22 += v * B[b, 10] + g2 * y
-    return x0, x1, x2, a00, a01, a02, a10, a11, a12, a20, a21, a22
+    here0, here1 = halves(p0, p1), halves(p2, np.float32(1))
+    # Sums over bones: of weight times transform in two parts, of slope times image along three axes.
+    sum0 = sum1 = along0 = along1 = along2 = spread(ZERO)
+    for k in range(0, bones, LOADED):
+        # The weights of eight bones and their slopes by trilinear interpolation.
+        c000, c001 = load_counts(w, at + k), load_counts(w, at + bones + k)
+        c010, c011 = load_counts(w, at + s1 + k), load_counts(w, at + s1 + bones + k)
+        c100, c101 = load_counts(w, at + s0 + k), load_counts(w, at + s0 + bones + k)
+        c110, c111 = load_counts(w, at + s0 + s1 + k), load_counts(w, at + s0 + s1 + bones + k)
+        some = joined(joined(joined(c000, c001), joined(c010, c011)), joined(joined(c100, c101), joined(c110, c111)))
+        v000, v010, v100, v110 = numbers(c000), numbers(c010), numbers(c100), numbers(c110)
+        d00, d01 = numbers(c001) - v000, numbers(c011) - v010
+        d10, d11 = numbers(c101) - v100, numbers(c111) - v110
+        e0, e1 = d00 + h1 * (d01 - d00), d10 + h1 * (d11 - d10)
+        u00, u01, u10, u11 = v000 + h2 * d00, v010 + h2 * d01, v100 + h2 * d10, v110 + h2 * d11
+        g0, g1 = u01 - u00, u11 - u10
+        t0, t1 = u00 + h1 * g0, u10 + h1 * g1
+        store(slots, 0, 0, t0 + h0 * (t1 - t0))
+        store(slots, 0, 1, t1 - t0)
+        store(slots, 0, 2, g0 + h0 * (g1 - g0))
+        store(slots, 0, 3, e0 + h0 * (e1 - e0))
+        left = bits(filled(some)) & ((1 << min(bones - k, LOADED)) - 1)
+        while left:
+            lane_of = lowest(left)
+            left &= left - 1
+            b = weights.bone[begin + k + lane_of]
+            move0, move1 = load(B, b, 0), load(B, b, 1)
+            y = move0 * here0 + move1 * here1
+            v = spread(slots[0, 0, lane_of])
+            sum0 += v * move0
+            sum1 += v * move1
+            along0 += spread(slots[0, 1, lane_of]) * y
+            along1 += spread(slots[0, 2, lane_of]) * y
+            along2 += spread(slots[0, 3, lane_of]) * y
+    # The derivative of w (R x + t) is w R and the image of x times the slope.
+    x = sum0 * here0 + sum1 * here1
+    x += swapped(x)
+    scale = spread(inverse)
+    a0 = sum0 + scale * (along0 + swapped(along0))
+    a1 = swapped(sum0) + scale * (along1 + swapped(along1))
+    a2 = sum1 + scale * (along2 + swapped(along2))
+    return (
+        lane(x, 0), lane(x, 1), lane(x, 2), lane(a0, 0), lane(a1, 0), lane(a2, 0), lane(a0, 1), lane(a1, 1),
+        lane(a2, 1), lane(a0, 2), lane(a1, 2), lane(a2, 2),
+    )  # fmt: skip

@@ -22,7 +22,7 @@ COARSEST = 4
 # Samples of the surface on the area of a cell's face, and the most of all.
 SAMPLES, MOST_SAMPLES = 8, 2**21
 # Of the fit of bricks to the surface; damping in samples that lie about a node on average.
-ROUNDS, DAMPING = 4, 0.05
+ROUNDS, DAMPING = 8, 0.05
 # In cells: what lies this far on either side of a surface shows which side is the inside.
 NEAR = 0.02
 NOTHING = np.empty(0, dtype=np.int64), np.empty(0)

@@ -15,7 +15,7 @@ from nilbs.engine.derivatives import root_gradients
 from nilbs.engine.rest_state import RestState
 from nilbs.engine.search import SearchEngine
 from nilbs.engine.surface_tree import ClosestPoints
-from nilbs.engine.unit_frame import UnitFrame, rest_center
+from nilbs.engine.unit_frame import UnitFrame
 from nilbs.fields.field import Field, like
 from nilbs.fields.search import SearchField
 from nilbs.methods.base import Method
@@ -154,7 +154,7 @@ def differentiable_answer(model: "Model", x: Tensor, pose: Tensor, mapping: str 
         return _engine_answer(model, engine, x, pose)
     frame, as_field = UnitFrame(c, pose), like(model.field)
     x_unit, B = frame.points(x.to(pose)).to(as_field), frame.B.to(as_field)
-    center = torch.as_tensor(rest_center(c)).to(as_field)
+    center = torch.as_tensor(c.center).to(as_field)
     answers = [model.method.posed(model.field, B[k], mapping)(x_unit[k]) for k in np.ndindex(poses)]
     if not poses:
         return answers[0].in_mesh_units(c.L, center)
@@ -174,7 +174,7 @@ def _engine_answer(model: "Model", engine: SearchEngine, x: Tensor, pose: Tensor
     distance, x_rest = _Search.apply(model, engine, *(given if pose.ndim == 4 else (tensor[None] for tensor in given)))
     if pose.ndim == 3:
         distance, x_rest = distance[0], x_rest[0]
-    center = torch.as_tensor(rest_center(c))
+    center = torch.as_tensor(c.center)
     level, distance, x_rest, width = Answer(distance, distance, x_rest, engine.width).in_mesh_units(c.L, center)
     return Answer(level.to(precision), distance.to(precision), x_rest.to(precision), width)
 

@@ -47,7 +47,8 @@ def test_fewer_calls_than_threads_leave_all_of_them_to_the_pieces() -> None:
     finally:
         set_threads(None)
     assert outer == {get_ident()}
-    assert get_ident() not in inner
+    assert get_ident() in inner
+    assert len(inner) <= 3
 
 
 def test_several_threads_may_share_the_engine(threads: int) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.engine.unit_frame import UnitFrame, at_rest, rest_center, root_bone
+from nilbs.engine.unit_frame import UnitFrame, at_rest, root_bone
 from nilbs.geometry.rotations import rigid_transforms
 from nilbs.geometry.skinning import linear_blend_skinning
 
@@ -39,7 +39,7 @@ def test_the_body_at_rest_fills_the_unit_cube_along_its_longest_edge(d: int, cha
     extent = unit.max(axis=0) - unit.min(axis=0)
     assert extent.max() == pytest.approx(1)
     np.testing.assert_allclose(unit.max(axis=0), extent / 2, atol=1e-12)
-    np.testing.assert_allclose(at_rest(characters[d], rest_center(characters[d])[None]), 0, atol=1e-12)
+    np.testing.assert_allclose(at_rest(characters[d], characters[d].center[None]), 0, atol=1e-12)
 
 
 @DIMENSIONS

@@ -4,7 +4,6 @@ import torch
 
 from nilbs.characters.motion import random_motion
 from nilbs.engine.lattice import SHELL
-from nilbs.engine.unit_frame import rest_center
 from nilbs.fields.search import SearchField
 from nilbs.geometry.distance import closest_points, signed_distance
 from nilbs.geometry.rotations import transform_points
@@ -33,7 +32,7 @@ def test_answers_have_their_shapes_and_ranges(d: int, models, queries) -> None:
     assert W.min() >= 0
     np.testing.assert_allclose(W.sum(axis=1), 1, atol=1e-5)
     # Occupancy by eq. 7 and 8, from the other answers.
-    x_rest = (model.rest_points(x, pose, mapping="inverse") - rest_center(model.character)) / model.character.L
+    x_rest = (model.rest_points(x, pose, mapping="inverse") - model.character.center) / model.character.L
     cached = model.field.inverse.cache.distance(torch.as_tensor(x_rest, dtype=torch.float32)).numpy()
     inside = 1 / (1 + np.exp(np.clip(cached / model.method.cache_width, -50, 50)))
     np.testing.assert_allclose(model.occupancy(x, pose, mapping="inverse", ghost=False), inside, atol=1e-4)
