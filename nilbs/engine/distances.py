@@ -61,9 +61,7 @@ class Distances(NamedTuple):
             origin_in_space(origin, spacing),
             np.float32(spacing),
             brick.reshape(*brick.shape, *[1] * (3 - d)),
-            np.concatenate(
-                [row @ (np.uint64(1) << np.arange(row.shape[1], dtype=np.uint64)) for row in rows] or [NONE]
-            ),
+            np.concatenate(divided or [NONE]),
             np.concatenate([np.cumsum(count) - count for count in counts] or [NONE]).astype(np.int32),
             values,
             unit,
