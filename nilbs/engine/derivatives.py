@@ -8,10 +8,10 @@ they do not depend on the number of threads.
 
 import numpy as np
 
+from nilbs.engine.closest_search import ClosestPoints
 from nilbs.engine.compiled import compiled, in_pieces, inlined
 from nilbs.engine.distances import distance_cell, trilinear
 from nilbs.engine.search import SMALLEST, SearchEngine
-from nilbs.engine.surface_tree import ClosestPoints
 from nilbs.engine.weights import columns, counted, forward, transforms, weight_cell
 from nilbs.geometry.weight_blocks import ONE
 

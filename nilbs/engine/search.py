@@ -26,7 +26,7 @@ STEP = 0.1  # the longest step
 SHORTER = 0.3  # a step that increases the residual is repeated, this much shorter
 ITERATIONS = 6
 # After a step this short from a residual below this the next would be below the precision: it is not computed.
-SHORT, CLOSE = 1e-3, 1e-4
+SHORT, CLOSE = 4e-4, 4e-4
 # A smaller determinant is held at this.
 SMALLEST = 1e-4
 # In edges of the cell: a start this close to a root finds it again, and how far from the centre a start may lie.
@@ -81,7 +81,7 @@ class PosedSearch:
     def __init__(self, engine: SearchEngine, B: np.ndarray) -> None:
         self.engine = engine
         pose = transforms(B)
-        self._cells, self._B = Images.of(engine.lattice, pose), columns(counted(pose))
+        self._images, self._B = Images.of(engine.lattice, pose), columns(counted(pose))
         self.queries = self.evaluations = 0
 
     def __call__(self, x: np.ndarray, to_unit: np.ndarray) -> Answer[np.ndarray]:
@@ -92,10 +92,10 @@ class PosedSearch:
         e, n = self.engine, len(x)
         distance = np.full(n, np.inf, dtype=np.float32)
         x_rest = np.full((n, 3), np.nan, dtype=np.float32)
-        points = SortedPoints.of(x, to_unit, self._cells.low, self._cells.high)
+        points = SortedPoints.of(x, to_unit, self._images.low, self._images.high)
         count = len(points.number)
         piece = min(max(-(-count // threads()), LEAST), PIECE)
-        looks = np.zeros(-(-count // piece), dtype=np.int64)
+        looks, cells = np.zeros(-(-count // piece), dtype=np.int64), self._images.cell
 
         def search(begin: int, end: int) -> None:
             looks[begin // piece] = _search(
@@ -106,7 +106,7 @@ class PosedSearch:
                 e.weights,
                 e.distances,
                 e.lattice,
-                self._cells.cell,
+                self._images.cell,
                 self._B,
                 distance,
                 x_rest,
@@ -180,13 +180,10 @@ def _search(points, begin, end, room, weights, distances, lattice, cells, B, dis
         found = 0
         best = np.float32(np.inf)
         for j in range(count[s]):
-            if _known(
-                at[s, j, 0], at[s, j, 1], at[s, j, 2], np.float32(SAME) * lattice.edge[cell[s, j], 0], roots, found
-            ):
+            q0, q1, q2, c = at[s, j, 0], at[s, j, 1], at[s, j, 2], cell[s, j]
+            if _known(q0, q1, q2, np.float32(SAME) * lattice.edge[c, 0], roots, found):
                 continue
-            residual, r0, r1, r2, turned, evaluations = _newton(
-                p0, p1, p2, at[s, j, 0], at[s, j, 1], at[s, j, 2], weights, B, slots
-            )
+            residual, r0, r1, r2, turned, evaluations = _newton(p0, p1, p2, q0, q1, q2, weights, B, slots)
             looks += evaluations
             if residual < np.float32(ROOT):
                 if not turned:  # near a root at which space is turned inside out lie others

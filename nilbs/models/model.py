@@ -11,10 +11,11 @@ import numpy as np
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
 from nilbs.engine.answer import Answer, Engine
+from nilbs.engine.closest_search import ClosestPoints
 from nilbs.engine.derivatives import SkinGradients
 from nilbs.engine.rest_state import RestState
 from nilbs.engine.skinning import SparseSkinning
-from nilbs.engine.surface_tree import ClosestPoints, SurfaceTree
+from nilbs.engine.surface_tree import SurfaceTree
 from nilbs.engine.unit_frame import root_bone
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.surface import Surface

@@ -8,8 +8,9 @@ import numpy as np
 
 from nilbs.characters.character import Character
 from nilbs.engine.answer import Answer, PosedEngine
+from nilbs.engine.closest_search import ClosestPoints
 from nilbs.engine.compiled import each
-from nilbs.engine.surface_tree import ClosestPoints, PosedSurface
+from nilbs.engine.surface_tree import PosedSurface
 from nilbs.engine.unit_frame import FAR, UnitFrame, at_rest
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.facets import facet_normals
@@ -70,7 +71,8 @@ class PosedModel:
     def posed_distance(self, x: np.ndarray) -> np.ndarray:
         """Signed distance to the posed skin."""
         inside = self._answer(x).level < 0
-        length = self.closest_points(x).distance
+        x = self._points(x)
+        length = self._joined(self._in_each(lambda k: self._surface_in(k).distance(x[k])), x.shape[:-1])
         return np.where(inside, -length, length)
 
     def closest_points(self, x: np.ndarray) -> ClosestPoints:
@@ -235,7 +237,7 @@ class PosedModel:
         def complete(k: Index) -> None:
             missing = np.flatnonzero(np.isposinf(distance[k]))
             if len(missing):
-                distance[k][missing] = self._surface_in(k).closest(x[k][missing]).distance
+                distance[k][missing] = self._surface_in(k).distance(x[k][missing])
 
         self._in_each(complete)
         return distance

@@ -10,11 +10,11 @@ from torch.autograd.function import once_differentiable
 
 from nilbs.characters.character import Character
 from nilbs.engine.answer import Answer
+from nilbs.engine.closest_search import ClosestPoints
 from nilbs.engine.compiled import each
 from nilbs.engine.derivatives import root_gradients
 from nilbs.engine.rest_state import RestState
 from nilbs.engine.search import SearchEngine
-from nilbs.engine.surface_tree import ClosestPoints
 from nilbs.engine.unit_frame import UnitFrame
 from nilbs.fields.field import Field, like
 from nilbs.fields.search import SearchField

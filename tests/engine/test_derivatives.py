@@ -5,9 +5,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from nilbs.engine.closest_search import ClosestPoints
 from nilbs.engine.compiled import set_threads
 from nilbs.engine.derivatives import PIECE, SkinGradients, _slope, root_gradients
-from nilbs.engine.surface_tree import ClosestPoints
 from nilbs.engine.unit_frame import UnitFrame
 from nilbs.fields.newton import implicit, newton
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices

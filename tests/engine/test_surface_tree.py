@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 import nilbs
+from nilbs.engine.closest_search import ClosestPoints
 from nilbs.engine.compiled import set_threads
 from nilbs.engine.skinning import SparseSkinning
-from nilbs.engine.surface_tree import ClosestPoints, SurfaceTree, _shape
+from nilbs.engine.surface_tree import SurfaceTree, _shape
 from nilbs.geometry.distance import closest_points
 
 
