@@ -99,17 +99,7 @@ class PosedSearch:
 
         def search(begin: int, end: int) -> None:
             looks[begin // piece] = _search(
-                points,
-                begin,
-                end,
-                _kept.room,
-                e.weights,
-                e.distances,
-                e.lattice,
-                self._images.cell,
-                self._B,
-                distance,
-                x_rest,
+                points, begin, end, _kept.room, e.weights, e.distances, e.lattice, cells, self._B, distance, x_rest
             )
 
         in_pieces(search, count, piece=piece)

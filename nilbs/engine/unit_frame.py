@@ -97,6 +97,12 @@ def first_joints(character: Character) -> np.ndarray:
     return at_rest(character, skeleton.C[skeleton.BE[:, 0]])
 
 
+def last_joints(character: Character) -> np.ndarray:
+    """Last joint (b, d) of every bone at rest, in the unit frame."""
+    skeleton = character.skeleton
+    return at_rest(character, skeleton.C[skeleton.BE[:, 1]])
+
+
 def _linalg(array):  # type: ignore[no-untyped-def]
     """The linear algebra of an array's library: a tensor's is loaded wherever there is one."""
     return np.linalg if isinstance(array, np.ndarray) else sys.modules["torch"].linalg

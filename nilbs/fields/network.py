@@ -5,7 +5,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
+from nilbs.fields.encoding import DistanceEncoding, LocalEncoding, ParameterEncoding
 from nilbs.fields.field import CACHED, Field
 
 # Logit of a ghost bone that does not exist: its weight is zero in any precision.
@@ -15,8 +15,9 @@ NEVER = -1e4
 class EncodedNetwork(nn.Module):
     """Multilayer perceptron on posed points and their poses.
 
-    Both encodings of a pose are affine in the query, and so is the first layer: for a given pose the two fold into one
-    small matrix, and a query never visits the encoding's numbers. `depth` counts all linear layers, at least 2.
+    Encodings of a pose are affine in the query, but for distances from bones, and so is the first layer: for a given
+    pose the two fold into one small matrix, and a query never visits the encoding's numbers. `depth` counts all linear
+    layers, at least 2.
     """
 
     def __init__(self, encoding: LocalEncoding | ParameterEncoding, outputs: int, *, width: int, depth: int) -> None:
@@ -24,14 +25,18 @@ class EncodedNetwork(nn.Module):
         if depth < 2:
             raise ValueError(f"a network needs at least 2 layers, got {depth}")
         self.encoding, self.width = encoding, width
-        sizes = [encoding.size, *([width] * (depth - 1)), outputs]
+        more = len(encoding.ends) if isinstance(encoding, DistanceEncoding) else 0
+        sizes = [encoding.size + more, *([width] * (depth - 1)), outputs]
         self.layers = nn.ModuleList(nn.Linear(i, o) for i, o in pairwise(sizes))
 
     def forward(self, x: Tensor, B: Tensor) -> Tensor:
         """Outputs (p, n, outputs) at points (p, n, d) in poses (p, b, d+1, d+1)."""
         linear, offset = self.encoding(B)
-        first = self.layers[0]
-        hidden = torch.baddbmm((offset @ first.weight.T + first.bias)[:, None], x, (first.weight @ linear).mT)
+        weight, bias = self.layers[0].weight, self.layers[0].bias
+        affine, other = weight[:, : self.encoding.size], weight[:, self.encoding.size :]
+        hidden = torch.baddbmm((offset @ affine.T + bias)[:, None], x, (affine @ linear).mT)
+        if isinstance(self.encoding, DistanceEncoding):
+            hidden = hidden + self.encoding.features(x, B) @ other.T
         for layer in self.layers[1:]:
             hidden = layer(torch.relu(hidden))
         return hidden

@@ -4,9 +4,9 @@ import torch
 
 from nilbs.characters.character import Character
 from nilbs.engine.rest_state import DISTANCE, WEIGHTS, RestState
-from nilbs.engine.unit_frame import first_joints, root_bone
+from nilbs.engine.unit_frame import first_joints, last_joints, root_bone
 from nilbs.fields.cache import RestCache
-from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
+from nilbs.fields.encoding import DistanceEncoding, LocalEncoding, ParameterEncoding
 from nilbs.fields.forward import ForwardField
 from nilbs.fields.forward_network import ForwardNetwork
 from nilbs.fields.inverse_map import InverseField
@@ -36,7 +36,9 @@ def search_field(
         width=cache_width,
     )
     encoded: LocalEncoding | ParameterEncoding
-    if encoding == "local":
+    if encoding == "distances":
+        encoded = DistanceEncoding(torch.as_tensor(first_joints(c)), torch.as_tensor(last_joints(c)))
+    elif encoding == "local":
         encoded = LocalEncoding(torch.as_tensor(first_joints(c)))
     else:
         encoded = ParameterEncoding(torch.as_tensor(c.skeleton.P), c.d)

@@ -11,11 +11,14 @@ from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
 from nilbs.engine.unit_frame import UnitFrame, at_rest
 from nilbs.fields.samples import OccupancySamples, RestSamples, occupancy_samples, surface_samples, volume_samples
+from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 
 # The most labelled points of a training, which bounds its memory for motions of any length.
 MOST_LABELLED = 10_000_000
 # Canonical points whose weights are given.
 REST_POINTS = 200_000
+# Poses that are drawn beside those of the motion.
+RANDOM_POSES = 4096
 # Separates the draws before the first step from those of the steps.
 _STREAM = 2**32 - 1
 
@@ -73,7 +76,13 @@ class Scene:
         on = np.unique(self.character.F)
         return surface_samples(at_rest(self.character, self.character.V[on]), self.character.W[on])
 
-    def unit_bones(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """C, BE and P of the skeleton in the unit frame."""
-        skeleton = self.character.skeleton
-        return at_rest(self.character, skeleton.C), skeleton.BE, skeleton.P
+    def random_poses(self, std: float) -> Tensor:
+        """Poses (k, b, d+1, d+1) in the unit frame: from the rest pose each bone but the roots turns about a random axis.
+
+        The standard deviation of a pose's angles, in radians, lies between a fifth of `std` and `std`.
+        """
+        skeleton, d = self.character.skeleton, self.character.d
+        theta = random_rotations(skeleton.P, d, RANDOM_POSES, std=1.0, rng=self.rng)
+        theta *= self.rng.uniform(std / 5, std, (RANDOM_POSES, 1, 1))
+        B = forward_kinematics(at_rest(self.character, skeleton.C), skeleton.BE, skeleton.P, theta)
+        return torch.as_tensor(B).to(self.poses)

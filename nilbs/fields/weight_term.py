@@ -1,7 +1,5 @@
 """The paper's weight loss, and its extension to the rest volume in any pose."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -9,27 +7,6 @@ from torch import Tensor
 from nilbs.fields.forward_network import ForwardNetwork
 from nilbs.fields.inverse_map import InverseField, inverse_map
 from nilbs.fields.samples import RestSamples
-from nilbs.geometry.kinematics import forward_kinematics, random_rotations
-
-
-@dataclass(frozen=True)
-class RandomPoses:
-    """Poses drawn while training: each bone but the roots turned about a random axis.
-
-    C, BE and P are the skeleton in the field's frame; each pose draws the standard deviation of its angles, in radians,
-    between zero and `std`.
-    """
-
-    C: np.ndarray
-    BE: np.ndarray
-    P: np.ndarray
-    std: float
-
-    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """N poses, an (n, b, d+1, d+1) array."""
-        theta = random_rotations(self.P, self.C.shape[1], n, std=1.0, rng=rng)
-        theta *= rng.uniform(0, self.std, (n, 1, 1))
-        return forward_kinematics(self.C, self.BE, self.P, theta)
 
 
 class WeightTerm:
@@ -46,7 +23,7 @@ class WeightTerm:
         The motion's frames; None supervises rest points in the rest pose.
     rest : RestSamples
         Rest points with given weights.
-    random_poses : RandomPoses, optional
+    random_poses : (k, b, d+1, d+1) tensor, optional
     factor, position_loss : float
         Factors of the cross-entropy, and of the mean distance (sum of absolute coordinates) by which the inverse map
         misses the rest points: a wrong weight matters as much as its bones lie apart, which the cross-entropy ignores.
@@ -58,7 +35,7 @@ class WeightTerm:
         poses: Tensor | None,
         rest: RestSamples,
         *,
-        random_poses: RandomPoses | None,
+        random_poses: Tensor | None,
         poses_per_step: int,
         points_per_pose: int,
         factor: float,
@@ -94,9 +71,10 @@ class WeightTerm:
             return torch.eye(d + 1).to(self.W).expand(self.poses_per_step, b, d + 1, d + 1)
         if self.random_poses is None:
             return self.poses[indices(rng, len(self.poses), (self.poses_per_step,), self.W.device)]
-        drawn = self.random_poses.draw(self.poses_per_step // 2, rng)
-        frames = indices(rng, len(self.poses), (self.poses_per_step - len(drawn),), self.W.device)
-        return torch.cat([torch.as_tensor(drawn).to(self.W), self.poses[frames]])
+        half, device = self.poses_per_step // 2, self.W.device
+        drawn = indices(rng, len(self.random_poses), (half,), device)
+        frames = indices(rng, len(self.poses), (self.poses_per_step - half,), device)
+        return torch.cat([self.random_poses[drawn], self.poses[frames]])
 
 
 class ForwardWeightTerm:

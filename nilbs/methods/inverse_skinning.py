@@ -29,6 +29,12 @@ MAPPINGS = {
     "inverse": "the network's inverse map (eq. 6), with the ghost bone (eq. 8)",
     "reverse": "the blend of the bones' inverses, sum_b W_b B_b^-1 x, with the ghost bone",
 }
+ENCODINGS = {
+    "distances": "the point in every bone's local coordinates, and its distances from all posed bones",
+    "local": "the point in every bone's local coordinates, for any rig",
+    "parameters": "the point and the pose's parameters",
+}
+ENCODED = "what the network is given of a point and a pose"
 NEED_NETWORK = {"one-search", "fixed-point", "inverse", "reverse"}
 # The most nodes of a grid that anyone can have meant.
 MOST_CELLS, MOST_WEIGHT_CELLS = 2**30, 2**27
@@ -44,11 +50,7 @@ class InverseSkinning(NetworkMethod):
         None, "training steps (default: 1000 and 100 more for each bone, at most 4000); 0: no network, the grids alone"
     )
     mapping: str = setting("search", "way to the canonical point; training does not depend on it", choices=MAPPINGS)
-    encoding: str = setting(
-        "local",
-        "network input: the point in every bone's local coordinates, for any rig, or the point and pose parameters",
-        choices=("local", "parameters"),
-    )
+    encoding: str = setting("local", ENCODED, choices=ENCODINGS)
     ghost: bool = setting(True, "whether the network has a ghost bone (eq. 8)")
     forward: str = setting(
         "grid", "rest weights of the forward map (eq. 4): a grid, or a second network", choices=("grid", "network")
@@ -176,9 +178,9 @@ class InverseSkinning(NetworkMethod):
     def parameter_shapes(self, character: "Character") -> dict[str, tuple[int, ...]]:
         """Shapes of the parameters of a trained field, by their names in its state."""
         b, d = len(character.skeleton.BE), character.d
-        inputs = b * d if self.encoding == "local" else d + b * {2: 1, 3: 3}[d]
+        inputs = {"distances": b * d + b, "local": b * d, "parameters": d + b * {2: 1, 3: 3}[d]}[self.encoding]
         shapes = self.layer_shapes("inverse.network.layers", inputs, b + self.ghost)
-        if self.encoding == "local":
+        if self.encoding != "parameters":
             shapes["inverse.network.encoding.centers"] = (b, d)
         if self.forward == "network":
             shapes |= self.layer_shapes("forward_network.layers", d, b)
