@@ -1,4 +1,4 @@
-"""What a network sees of a point and a pose: the encodings of the paper's section "Pose representation", and one more."""
+"""What a network is given of a point and a pose: the encodings of the paper's "Pose representation", and distances."""
 
 import torch
 from torch import Tensor, nn

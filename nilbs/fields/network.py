@@ -32,7 +32,9 @@ class EncodedNetwork(nn.Module):
     def forward(self, x: Tensor, B: Tensor) -> Tensor:
         """Outputs (p, n, outputs) at points (p, n, d) in poses (p, b, d+1, d+1)."""
         linear, offset = self.encoding(B)
-        weight, bias = self.layers[0].weight, self.layers[0].bias
+        first = self.layers[0]
+        assert isinstance(first, nn.Linear)
+        weight, bias = first.weight, first.bias
         affine, other = weight[:, : self.encoding.size], weight[:, self.encoding.size :]
         hidden = torch.baddbmm((offset @ affine.T + bias)[:, None], x, (affine @ linear).mT)
         if isinstance(self.encoding, DistanceEncoding):

@@ -77,12 +77,16 @@ class Scene:
         return surface_samples(at_rest(self.character, self.character.V[on]), self.character.W[on])
 
     def random_poses(self, std: float) -> Tensor:
-        """Poses (k, b, d+1, d+1) in the unit frame: from the rest pose each bone but the roots turns about a random axis.
+        """Random poses (k, b, d+1, d+1) in the unit frame: every bone but the roots turns from its rest pose.
 
         The standard deviation of a pose's angles, in radians, lies between a fifth of `std` and `std`.
         """
-        skeleton, d = self.character.skeleton, self.character.d
-        theta = random_rotations(skeleton.P, d, RANDOM_POSES, std=1.0, rng=self.rng)
+        (C, BE, P), d = self.unit_bones(), self.character.d
+        theta = random_rotations(P, d, RANDOM_POSES, std=1.0, rng=self.rng)
         theta *= self.rng.uniform(std / 5, std, (RANDOM_POSES, 1, 1))
-        B = forward_kinematics(at_rest(self.character, skeleton.C), skeleton.BE, skeleton.P, theta)
-        return torch.as_tensor(B).to(self.poses)
+        return torch.as_tensor(forward_kinematics(C, BE, P, theta)).to(self.poses)
+
+    def unit_bones(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """C, BE and P of the skeleton in the unit frame."""
+        skeleton = self.character.skeleton
+        return at_rest(self.character, skeleton.C), skeleton.BE, skeleton.P
