@@ -25,9 +25,9 @@ from nilbs.geometry.weight_blocks import EDGE, ONE, WeightBlocks
 # In units of L: the band around the body with rest weights, the distance beyond which they stay constant, and the
 # margin of both grids around the body.
 BAND, DEPTH, PAD = 0.03, 0.015, 0.05
-# Parts that the edge of a cell of distance is divided in: at the surface, and again where the distance at the surface
-# is more than this on average, in units of L; and the most values of all.
-PARTS, TOLERANCE, MOST_VALUES = (4, 2), 7e-6, 6_500_000
+# Parts that the edge of a cell of distance is divided in, in the plane and in space: at the surface, and again where
+# the distance at the surface is more than the tolerance on average, in units of L; and the most values of all.
+PARTS, TOLERANCE, MOST_VALUES = {2: (4, 2, 2), 3: (4, 2)}, 7e-6, 6_500_000
 # Distances are rounded to multiples of this, in units of L, or of what 16 bits need.
 UNIT = 1.2e-5
 # Weights below this are not kept; the rest of the row is scaled to sum to one.
@@ -114,18 +114,18 @@ def rest_cells(character: Character) -> tuple[int, int]:
 
 def rest_state(character: Character, *, cache_cells: int, weight_cells: int, seed: int) -> RestState:
     """Grids of a character at rest, with so many cells along their longest edges."""
-    c = character
+    c, parts = character, PARTS[character.d]
     V, V_volume = at_rest(c, c.V), at_rest(c, c.V_volume)
-    cache = Grid.box(V, max(2, -(-cache_cells // PARTS[0])), pad=PAD)
+    cache = Grid.box(V, max(2, -(-cache_cells // parts[0])), pad=PAD)
     rng = np.random.default_rng(seed)
-    bricks = distance_bricks(V, c.F, cache, parts=PARTS, tolerance=TOLERANCE, most=MOST_VALUES, rng=rng)
+    bricks = distance_bricks(V, c.F, cache, parts=parts, tolerance=TOLERANCE, most=MOST_VALUES, rng=rng)
     weights = Grid.box(V, weight_cells, pad=PAD)
     # In a volume no weight is zero, and most are tiny.
     W, W_volume = (scaled_rows(csr_array(W), smallest=SMALLEST / 10) for W in (c.W, c.W_volume))
     node, W_node = weight_grid(V, c.F, W, V_volume, c.T, W_volume, weights, band=BAND, depth=DEPTH)
     W_node = fit_to_skin(V, c.F, W, weights, node, W_node, smallest=SMALLEST, rng=rng)
     return _state(
-        bricks.values, bricks.brick, bricks.finer, cache, list(PARTS), WeightBlocks.pack(node, W_node, weights), weights
+        bricks.values, bricks.brick, bricks.finer, cache, list(parts), WeightBlocks.pack(node, W_node, weights), weights
     )
 
 

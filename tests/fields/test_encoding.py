@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
+from nilbs.fields.encoding import SOFT, DistanceEncoding, LocalEncoding, ParameterEncoding
 from nilbs.fields.kinematics import forward_kinematics, local_angles
 from nilbs.geometry.rotations import rotation_matrices, transform_points
 
@@ -33,6 +33,26 @@ def test_a_point_that_moves_with_a_bone_keeps_its_local_coordinates(d: int, rng:
         x = np.stack([transform_points(pose[bone].numpy(), x_rest[None])[0] for pose in B])
         local = encoded(encoding, x, B).reshape(4, 3, d)[:, bone]
         np.testing.assert_allclose(local, np.broadcast_to(x_rest - C[bone, :d], (4, d)), atol=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_distances_are_those_from_posed_bones(d: int, rng: np.random.Generator) -> None:
+    encoding = DistanceEncoding(torch.as_tensor(C[BE[:, 0], :d]), torch.as_tensor(C[BE[:, 1], :d]))
+    B, x = poses(d, angles(d, 0.9, rng)), rng.normal(size=(4, 50, d))
+    found = encoding.features(torch.as_tensor(x), B).numpy()
+    along = np.linspace(0, 1, 2001)[:, None]
+    for p in range(4):
+        for bone in range(3):
+            ends = transform_points(B[p, bone].numpy(), C[BE[bone], :d])
+            places = ends[0] + along * (ends[1] - ends[0])
+            distance = np.linalg.norm(x[p, :, None] - places, axis=-1).min(axis=1)
+            np.testing.assert_allclose(found[p, :, bone], 0.5 * np.log(distance**2 + SOFT), atol=1e-4)
+
+
+def test_a_bone_without_length_is_a_point() -> None:
+    joint = torch.tensor([[0.5, 0.0]])
+    found = DistanceEncoding(joint, joint).features(torch.tensor([[[0.5, 2.0]]]), torch.eye(3)[None, None])
+    torch.testing.assert_close(found, torch.log(torch.tensor([[[2.0]]])), atol=1e-3, rtol=0)
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.fields.encoding import LocalEncoding, ParameterEncoding
+from nilbs.fields.encoding import DistanceEncoding, LocalEncoding, ParameterEncoding
 from nilbs.fields.network import WeightNetwork
 from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices
@@ -39,6 +39,17 @@ def test_folding_equals_the_encoding_written_out(d: int, depth: int, rng: np.ran
                 if k < depth - 1:
                     hidden = np.maximum(hidden, 0)
             np.testing.assert_allclose(logits[p, i], hidden, atol=1e-12)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_distances_follow_the_coordinates(d: int, rng: np.random.Generator) -> None:
+    centers, ends = torch.as_tensor(rng.normal(size=(2, BONES, d)))
+    net = WeightNetwork(DistanceEncoding(centers, ends), BONES, width=8, depth=2).double()
+    x, B = torch.as_tensor(rng.normal(size=(2, 4, d))), torch.as_tensor(poses(d, 2, rng))
+    linear, offset = net.encoding(B)
+    given = torch.cat([x @ linear.mT + offset[:, None], net.encoding.features(x, B)], dim=-1)
+    expected = net.layers[1](torch.relu(net.layers[0](given)))
+    torch.testing.assert_close(net(x, B), expected)
 
 
 @pytest.mark.parametrize("d", [2, 3])

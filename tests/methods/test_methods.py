@@ -126,6 +126,8 @@ def objective(character: Character, **changes) -> Objective:
 
     sizes = {"width": 8, "depth": 3, "samples_per_frame": 50, "cache_resolution": 32, "weight_resolution": 32}
     name = changes.pop("method", "nilbs")
+    if name == "nilbs":  # of itself it labels no points
+        changes = {"occupancy_loss": 1.0} | changes
     method = method_of(name, **fitting(name, sizes | changes)).resolved(character)
     assert isinstance(method, TrainedMethod)
     field = method.field(character)
@@ -192,6 +194,21 @@ def test_the_paper_has_weights_at_rest_on_the_surface_only(characters) -> None:
     assert len(volume.poses) == 2
     assert volume.random_poses is not None
     assert objective(c, random_pose_std=0.0).terms[1].random_poses is None
+
+
+@DIMENSIONS
+def test_random_poses_turn_all_bones_but_roots_within_their_spread(d: int, characters) -> None:
+    from nilbs.characters.motion import random_motion
+
+    c = characters[d]
+    B = Scene.of(c, random_motion(c, frames=1), torch.zeros(1, dtype=torch.float64), seed=0).random_poses(0.5).numpy()
+    roots = c.skeleton.P < 0
+    np.testing.assert_allclose(B[:, roots], np.broadcast_to(np.eye(d + 1), B[:, roots].shape), atol=1e-12)
+    child = int(np.flatnonzero(~roots & np.isin(c.skeleton.P, np.flatnonzero(roots)))[0])
+    trace = np.trace(B[:, child, :d, :d], axis1=1, axis2=2)
+    angle = np.arccos(np.clip((trace - (d - 2)) / 2, -1, 1))
+    # The mean square of a normal angle whose spread is uniform from 0.1 to 0.5.
+    assert (angle**2).mean() == pytest.approx((0.5**3 - 0.1**3) / (3 * 0.4), rel=0.15)
 
 
 def test_parts_meet_on_the_surface_alone(characters) -> None:

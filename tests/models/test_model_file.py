@@ -142,7 +142,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: t.update(spacing=None), "not subscriptable"),
         (lambda c, t: t.pop("parts"), "parts"),
         (lambda c, t: t.update(parts=[4]), r"unit must be \(2,\), got"),
-        (lambda c, t: t.update(parts=[2, 2]), "the grid and its bricks have"),
+        (lambda c, t: t.update(parts=[2, 2, 2]), "the grid and its bricks have"),
         (lambda c, t: t.update(parts=[4, 2, 1]), "cells must be divided at most 8 times in 2 to"),
         (lambda c, t: t.update(parts=[4, 2, 2.0]), "cells must be divided at most 8 times in 2 to"),
         (lambda c, t: t.update(parts=[4, 10**9]), "cells must be divided at most 8 times in 2 to"),
