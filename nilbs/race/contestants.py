@@ -20,7 +20,8 @@ _PATIENCE = 180
 class Contestant(Protocol):
     """A way to evaluate a character; made once, posed and queried any number of times.
 
-    What `points` does is not timed. What `pose` and `query` do is.
+    What `points` does is not timed. What `pose` and `query` do is. One that takes the poses of a stream in one call has
+    `together` too, a function of poses (p, b, 4, 4) and points (p, n, 3).
     """
 
     def points(self, x: np.ndarray) -> Any:
@@ -48,6 +49,8 @@ class Kind:
         What is imported, and its name on the package index; empty for ours.
     note : str
         What a reader should know of it.
+    streams : bool
+        Whether it takes part in streams of poses only.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Kind:
     package: str = ""
     distribution: str = ""
     note: str = ""
+    streams: bool = False
 
 
 def all_kinds() -> dict[str, Kind]:

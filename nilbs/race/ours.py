@@ -9,7 +9,8 @@ from nilbs.models.model import Model
 from nilbs.models.posed_model import PosedModel
 from nilbs.race.contestants import DISTANCE, OCCUPANCY, Kind
 
-ENGINE, NETWORK, TORCH, GPU = "nilbs", "nilbs, network alone", "nilbs, torch", "nilbs, torch on a GPU"
+ENGINE, BATCHES, NETWORK = "nilbs", "nilbs, poses together", "nilbs, network alone"
+TORCH, GPU = "nilbs, torch", "nilbs, torch on a GPU"
 _NONE = np.empty((0, 3))
 
 
@@ -54,8 +55,19 @@ class Own:
         return self.posed.posed_distance(x) if self.quantity == DISTANCE else self.posed.occupancy(x) > 0.5
 
 
+class Batches(Own):
+    """A model that is asked for all poses of a stream's block in one call."""
+
+    def together(self, B: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Answers in poses (p, b, 4, 4) at points (p, n, 3)."""
+        if self.quantity == DISTANCE:
+            return self.model.posed_distance(x, B)
+        return self.model.occupancy(x, B) > 0.5
+
+
 KINDS = (
     Kind(ENGINE, (OCCUPANCY, DISTANCE), Own, note="the model's default; exact lengths from a tree of the posed mesh"),
+    Kind(BATCHES, (OCCUPANCY, DISTANCE), Batches, note="the same, with the poses of a block in one call", streams=True),
     Kind(NETWORK, (OCCUPANCY,), partial(Own, mapping="inverse"), note="the paper's inverse map, by torch"),
     Kind(TORCH, (OCCUPANCY,), partial(Own, device="cpu"), note="the same search in torch, which has derivatives"),
     Kind(GPU, (OCCUPANCY,), partial(Own, device="cuda"), note="the same; points and answers are moved to and fro"),

@@ -179,7 +179,7 @@ class _Run:
         """Add the rows of a cell."""
         running = []
         for name, kind in self.kinds.items():
-            if cell.quantity not in kind.answers:
+            if cell.quantity not in kind.answers or (kind.streams and cell.poses == 1):
                 continue
             seconds = projected_seconds(self.results.rows, {"contestant": name, **asdict(cell)})
             spent = None if seconds is None else seconds * cell.poses * (cell.repeats + 1)

@@ -63,6 +63,16 @@ def test_each_repeat_has_its_own_block():
     assert asked == [0, 1, 2, 3]
 
 
+def test_poses_may_be_taken_together(clock):
+    class Together(Slow):
+        def together(self, B, x):
+            assert (B.shape, x.shape) == ((2, 1, 4, 4), (2, 4, 3))
+            self._take(6)
+
+    found = times({"a": Together(pose=1, query=2, clock=clock)}, lambda k: [SCENE] * 2, 3)["a"]
+    assert found == pytest.approx({"pose_s": 0, "query_s": 3, "total_s": 3, "low_s": 3, "high_s": 3})
+
+
 def test_no_contestants_no_times():
     assert times({}, lambda k: [SCENE], 2) == {}
 
