@@ -292,7 +292,7 @@ def _thin_parts(model: "Model", path: Path, resolution: int, rng: np.random.Gene
     pose = turned(character, 1, [-BEND])[0]
     U_true = character.skin(pose)
     assert isinstance(model.method, Nilbs)
-    finest = (model.method.cache_resolution or 0) * prod(PARTS[1:])
+    finest = (model.method.cache_resolution or 0) * prod(PARTS[character.d][1:])
     cache, grid = Grid.box(character.V, finest).spacing, Grid.cube(U_true, resolution)
     U, F = model.posed(pose).extract_on(grid)
     found, extracted = _found_of_fins(model, pose, U, F, rng)
