@@ -216,6 +216,10 @@ def _starts(points, begin, end, lattice, cells, room):  # type: ignore[no-untype
                     x0, x1, x2 = load_at(points.x, s), load_at(points.y, s), load_at(points.z, s)
                     below = both(both(spread(cells[c, 0]) <= x0, spread(cells[c, 1]) <= x1), spread(cells[c, 2]) <= x2)
                     above = both(both(x0 <= spread(cells[c, 3]), x1 <= spread(cells[c, 4])), x2 <= spread(cells[c, 5]))
+                    inside = both(below, above)
+                    if not bits(inside):
+                        s += 8
+                        continue
                     d0, d1, d2 = x0 - spread(cells[c, 6]), x1 - spread(cells[c, 7]), x2 - spread(cells[c, 8])
                     u0 = spread(cells[c, 9]) * d0 + spread(cells[c, 10]) * d1 + spread(cells[c, 11]) * d2
                     u1 = spread(cells[c, 12]) * d0 + spread(cells[c, 13]) * d1 + spread(cells[c, 14]) * d2
@@ -224,7 +228,7 @@ def _starts(points, begin, end, lattice, cells, room):  # type: ignore[no-untype
                     reached = both(
                         both(v0 <= spread(cells[c, 18]), v1 <= spread(cells[c, 19])), v2 <= spread(cells[c, 20])
                     )
-                    left = bits(both(both(below, above), reached)) & ((1 << min(e - s, 8)) - 1)
+                    left = bits(both(inside, reached)) & ((1 << min(e - s, 8)) - 1)
                     if left:
                         store(slots, 0, 0, u0)
                         store(slots, 0, 1, u1)
