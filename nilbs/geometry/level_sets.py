@@ -63,7 +63,7 @@ def isosurface(values: np.ndarray, grid: Grid, *, level: float = 0.0) -> tuple[n
     if not (height < 0).any():
         return np.empty((0, d)), np.empty((0, d), dtype=np.int64)
     height = _clear_of_nodes(_surrounded(height))
-    index, F = _marching_squares(height) if d == 2 else _marching_cubes(height)
+    index, F = _marching_squares(height) if d == 2 else two_triangles_an_edge(*lewiner(height))
     return grid.origin + grid.spacing * (index - 1), F
 
 
@@ -104,17 +104,26 @@ def _marching_squares(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(loops), np.stack([start, after], axis=1)
 
 
-def _marching_cubes(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def lewiner(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (n, 3), in cells, and triangles (m, 3) around negative heights at the nodes of a grid, by scikit-image.
+
+    Examples
+    --------
+    >>> index, F = lewiner(np.where(np.arange(27).reshape(3, 3, 3) == 13, -1.0, 1.0))
+    >>> index.shape, F.shape
+    ((6, 3), (8, 3))
+    """
     from skimage.measure import marching_cubes
 
     # scikit-image decides ambiguous cells in single precision, by products to which it adds, or compares, an absolute
-    # 1e-7. At this scale that decides nothing; at a small one neighbours disagree and edges get four triangles.
-    height = (height * (1e15 / np.abs(height).max())).astype(np.float32)
+    # 1e-7. At this scale that decides nothing; at a small one neighbours disagree and edges get four triangles. A
+    # power of two leaves the digits as they are, so that a part of a grid is decided as the whole.
+    height = np.ldexp(height, 50 - np.frexp(np.abs(height).max())[1]).astype(np.float32)
     index, F, _, _ = marching_cubes(height, 0.0, gradient_direction="descent")
-    return _two_triangles_an_edge(index.astype(np.float64), F.astype(np.int64))
+    return index.astype(np.float64), F.astype(np.int64)
 
 
-def _two_triangles_an_edge(index: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def two_triangles_an_edge(index: np.ndarray, F: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same surface with every edge between two triangles.
 
     Once in millions of cells two neighbours, each closed up by itself, both lay a diagonal across the square between

@@ -1,0 +1,213 @@
+"""Levels at the nodes of a grid, in blocks of cells near a surface only.
+
+A block has two cells along each edge. Levels are kept in bricks of eight nodes along each edge, which exist where there
+are blocks, so that memory grows as the surface does. The grid has one more layer of nodes on every side, which is
+outside, as `nilbs.geometry.level_sets.isosurface` has it; there, nodes are counted from that layer.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from nilbs.engine.compiled import compiled, inlined
+from nilbs.engine.surface_tree import PosedSurface
+from nilbs.geometry.grids import Grid
+
+# Posed points (n, d) -> levels (n,), negative inside.
+Levels = Callable[[np.ndarray], np.ndarray]
+# Cells along the edge of a block, and of the largest one that is divided.
+CELLS, LARGEST = 2, 32
+# Blocks whose nodes are queried together.
+BATCH = 2**15
+# The nodes of a block are bits, the last axis running fastest: those of all, and of its faces, by axis and side.
+NODES = 27
+_NODE = 1 << np.arange(NODES).reshape(3, 3, 3)
+FACES = np.array([[_NODE.take(side, axis).sum() for side in (0, 2)] for axis in range(3)], dtype=np.int64)
+
+
+class Bricks(NamedTuple):
+    """Where the levels of nodes and the numbers of blocks are."""
+
+    number: np.ndarray  # (n_1, n_2, n_3) number of each brick, -1 for none
+    level: np.ndarray  # (bricks, 8, 8, 8), nan where unknown
+    block: np.ndarray  # (bricks, 4, 4, 4) number of each block, -1 for none
+
+
+class Blocks:
+    """Blocks around a field's surface, with the levels of their nodes.
+
+    Attributes
+    ----------
+    bricks : Bricks
+    corner : (n, 3) int array
+        The first node of each block.
+    inside : (n,) int array
+        Which nodes of each block are inside, as bits.
+    """
+
+    def __init__(self, values: Levels, grid: Grid) -> None:
+        self.values, self.grid = values, grid
+        shape = (np.array(grid.shape) + 2) // 8 + 1
+        # Nodes beyond the grid have the level of the nearest of its own, but are outside and further.
+        beyond = [np.clip(np.arange(-1, 8 * n - 1), 0, size - 1) for n, size in zip(shape, grid.shape, strict=True)]
+        self._axes = tuple(o + grid.spacing * i for o, i in zip(grid.origin, beyond, strict=True))
+        self._count = 0
+        self.bricks = Bricks(
+            np.full(shape, -1, dtype=np.int32),
+            np.empty((0, 8, 8, 8), dtype=np.float32),
+            np.empty((0, 4, 4, 4), dtype=np.int32),
+        )
+        self.corner = np.empty((0, 3), dtype=np.int64)
+        self.inside = np.empty(0, dtype=np.int64)
+
+    def add(self, corner: np.ndarray) -> None:
+        """Add blocks, and all others that the surface crosses into from there."""
+        while len(corner):
+            self._add(corner)
+            first = len(self.corner) - len(corner)
+            neighbours = np.empty((6 * len(corner), 3), dtype=np.int64)
+            count = _crossed_into(self.corner, self.inside, first, self.bricks, FACES, neighbours)
+            corner = np.unique(neighbours[:count], axis=0)
+
+    def levels(self, node: np.ndarray) -> np.ndarray:
+        """Levels (...) at nodes (..., 3) of blocks."""
+        i, j, k = np.moveaxis(node, -1, 0)
+        return self.bricks.level[self.bricks.number[i >> 3, j >> 3, k >> 3], i & 7, j & 7, k & 7].astype(np.float64)
+
+    def _add(self, corner: np.ndarray) -> None:
+        before, first = self._count, len(self.corner)
+        self._count = _claim(corner, self.bricks.number, before)
+        level, block = (_with_room(array, before, self._count) for array in self.bricks[1:])
+        level[before : self._count], block[before : self._count] = np.nan, -1
+        self.bricks = self.bricks._replace(level=level, block=block)
+        self.corner = np.concatenate([self.corner, corner])
+        self.inside = np.concatenate([self.inside, np.empty(len(corner), dtype=np.int64)])
+        for begin in range(0, len(corner), BATCH):
+            part = corner[begin : begin + BATCH]
+            node = np.empty((NODES * len(part), 3), dtype=np.int32)
+            node = node[: _unknown(part, first + begin, self.bricks, node)]
+            x = np.empty((len(node), 3))
+            _places(node, self._axes, x)
+            levels = self.values(x)
+            if not np.isfinite(levels).all():
+                raise ValueError(f"levels must be finite, got {levels[~np.isfinite(levels)][0]}")
+            _fill(node, np.array(self.grid.shape), levels, self.bricks)
+            _insides(part, self.bricks, self.inside[first + begin :])
+
+
+def near(skin: PosedSurface, grid: Grid, reach: float) -> np.ndarray:
+    """First nodes (n, 3) of the blocks that a surface can cross which lies within `reach` of the skin.
+
+    A block with a place within reach has its centre within reach and half its diagonal. Larger blocks are tested
+    first, and divided.
+    """
+    size, cells = LARGEST, np.array(grid.shape) + 1
+    corner = np.stack(np.meshgrid(*(np.arange(0, n, size) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    while True:
+        centre = grid.origin + grid.spacing * (corner + (size / 2 - 1))
+        found = skin.closest(centre, within=3**0.5 / 2 * size * grid.spacing + reach)
+        corner = corner[found.facet >= 0]
+        if size == CELLS:
+            return corner
+        size //= 2
+        corner = (corner[:, None] + size * np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3)
+        corner = corner[(corner < cells).all(axis=1)]
+
+
+def _with_room(array: np.ndarray, used: int, count: int) -> np.ndarray:
+    """The array, or a copy in a larger one."""
+    if count <= len(array):
+        return array
+    larger = np.empty((max(count + 64, 2 * used), *array.shape[1:]), dtype=array.dtype)
+    larger[:used] = array[:used]
+    return larger
+
+
+@inlined
+def level_at(bricks, i, j, k):  # type: ignore[no-untyped-def]
+    """Level at a node."""
+    return bricks.level[bricks.number[i >> 3, j >> 3, k >> 3], i & 7, j & 7, k & 7]
+
+
+@inlined
+def block_at(bricks, i, j, k):  # type: ignore[no-untyped-def]
+    """Number of the block that a node is the first corner of, or one of whose other seven lower corners; or -1."""
+    brick = bricks.number[i >> 3, j >> 3, k >> 3]
+    return np.int64(bricks.block[brick, (i >> 1) & 3, (j >> 1) & 3, (k >> 1) & 3]) if brick >= 0 else -1
+
+
+@compiled
+def _claim(corner, number, count):  # type: ignore[no-untyped-def]
+    """Number the bricks that hold nodes of blocks; return how many there are."""
+    for b in range(corner.shape[0]):
+        for n in range(8):
+            i, j, k = corner[b, 0] + (n >> 2) * 2, corner[b, 1] + ((n >> 1) & 1) * 2, corner[b, 2] + (n & 1) * 2
+            if number[i >> 3, j >> 3, k >> 3] < 0:
+                number[i >> 3, j >> 3, k >> 3] = count
+                count += 1
+    return count
+
+
+@compiled
+def _unknown(corner, first, bricks, node):  # type: ignore[no-untyped-def]
+    """Number blocks, write their nodes without a level and return how many there are."""
+    count = 0
+    for b in range(corner.shape[0]):
+        c0, c1, c2 = corner[b, 0], corner[b, 1], corner[b, 2]
+        bricks.block[bricks.number[c0 >> 3, c1 >> 3, c2 >> 3], (c0 >> 1) & 3, (c1 >> 1) & 3, (c2 >> 1) & 3] = first + b
+        for n in range(NODES):
+            i, j, k = c0 + n // 9, c1 + n // 3 % 3, c2 + n % 3
+            brick = bricks.number[i >> 3, j >> 3, k >> 3]
+            if np.isnan(bricks.level[brick, i & 7, j & 7, k & 7]):
+                bricks.level[brick, i & 7, j & 7, k & 7] = np.inf
+                node[count, 0], node[count, 1], node[count, 2] = i, j, k
+                count += 1
+    return count
+
+
+@compiled
+def _places(node, axes, x):  # type: ignore[no-untyped-def]
+    """Write the places of nodes."""
+    for n in range(node.shape[0]):
+        x[n, 0], x[n, 1], x[n, 2] = axes[0][node[n, 0]], axes[1][node[n, 1]], axes[2][node[n, 2]]
+
+
+@compiled
+def _fill(node, shape, levels, bricks):  # type: ignore[no-untyped-def]
+    """Write levels at nodes."""
+    for n in range(node.shape[0]):
+        i, j, k = node[n, 0], node[n, 1], node[n, 2]
+        within = 0 < i <= shape[0] and 0 < j <= shape[1] and 0 < k <= shape[2]
+        level = levels[n] if within else 1e3 * abs(levels[n])
+        bricks.level[bricks.number[i >> 3, j >> 3, k >> 3], i & 7, j & 7, k & 7] = level
+
+
+@compiled
+def _insides(corner, bricks, inside):  # type: ignore[no-untyped-def]
+    """Write which nodes of blocks are inside."""
+    for b in range(corner.shape[0]):
+        inside[b] = 0
+        for n in range(NODES):
+            if level_at(bricks, corner[b, 0] + n // 9, corner[b, 1] + n // 3 % 3, corner[b, 2] + n % 3) < 0:
+                inside[b] |= 1 << n
+
+
+@compiled
+def _crossed_into(corner, inside, first, bricks, faces, found):  # type: ignore[no-untyped-def]
+    """Write the blocks that are none yet beyond faces that the surface crosses; return how many there are."""
+    count = 0
+    for b in range(first, corner.shape[0]):
+        for axis in range(3):
+            for side in range(2):
+                face = faces[axis, side]
+                if inside[b] & face == 0 or inside[b] & face == face:
+                    continue
+                step = 4 * side - 2
+                i = corner[b, 0] + (step if axis == 0 else 0)
+                j = corner[b, 1] + (step if axis == 1 else 0)
+                k = corner[b, 2] + (step if axis == 2 else 0)
+                if block_at(bricks, i, j, k) < 0:
+                    found[count, 0], found[count, 1], found[count, 2] = i, j, k
+                    count += 1
+    return count
