@@ -62,7 +62,7 @@ class Blocks:
         self.inside = np.empty(0, dtype=np.int64)
 
     def add(self, corner: np.ndarray) -> None:
-        """Add blocks, and all others that the surface crosses into from there."""
+        """Add blocks, given by their first nodes, and all others that the surface crosses into from there."""
         while len(corner):
             self._add(corner)
             first = len(self.corner) - len(corner)
@@ -96,17 +96,16 @@ class Blocks:
             _insides(part, self.bricks, self.inside[first + begin :])
 
 
-def near(skin: PosedSurface, grid: Grid, reach: float) -> np.ndarray:
-    """First nodes (n, 3) of the blocks that a surface can cross which lies within `reach` of the skin.
+def near(skin: PosedSurface, grid: Grid) -> np.ndarray:
+    """First nodes (n, 3) of the blocks whose circumscribed ball holds a place of the skin.
 
-    A block with a place within reach has its centre within reach and half its diagonal. Larger blocks are tested
-    first, and divided.
+    Larger blocks are tested first, and divided.
     """
     size, cells = LARGEST, np.array(grid.shape) + 1
     corner = np.stack(np.meshgrid(*(np.arange(0, n, size) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
     while True:
         centre = grid.origin + grid.spacing * (corner + (size / 2 - 1))
-        found = skin.closest(centre, within=3**0.5 / 2 * size * grid.spacing + reach)
+        found = skin.closest(centre, within=3**0.5 / 2 * size * grid.spacing)
         corner = corner[found.facet >= 0]
         if size == CELLS:
             return corner

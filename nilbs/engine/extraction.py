@@ -1,22 +1,23 @@
-"""The surface of a field that lies near the posed skin, at the cost of the nodes around it."""
+"""Surfaces of fields on grids: polished ones, and those near the posed skin at the cost of the nodes around them."""
+
+from collections.abc import Callable
 
 import numpy as np
 
 from nilbs.engine.blocks import Blocks, Levels, near
-from nilbs.engine.marching_cubes import Crossings, crossings
+from nilbs.engine.marching_cubes import CORNERS, Crossings, crossings
+from nilbs.engine.polishing import on_zero_set
 from nilbs.engine.surface_tree import PosedSurface
+from nilbs.geometry.extraction import node_levels
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.polishing import on_zero_set
+from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.surface import Surface
 
 # Vertices that are polished together.
 BATCH = 2**18
-CORNERS = np.argwhere(np.ones((2, 2, 2)))
 
 
-def surface_near(
-    skin: PosedSurface, values: Levels, grid: Grid, *, reach: float, tolerance: float | None = None
-) -> Surface:
+def surface_near(skin: PosedSurface, values: Levels, grid: Grid, *, tolerance: float | None = None) -> Surface:
     """Surface of a field on a grid in space, queried in blocks of cells near the skin and where it leads from there.
 
     Parameters
@@ -25,8 +26,6 @@ def surface_near(
     values : function of (n, 3) points
         Returns levels (n,), negative inside.
     grid : Grid
-    reach : float
-        A length: every piece of the surface comes this near to the skin somewhere. One that does not may be missing.
     tolerance : float, optional
         A length: how far vertices may be from the field's zero set. By default they lie where levels that are
         interpolated between nodes are zero.
@@ -34,7 +33,7 @@ def surface_near(
     Returns
     -------
     surface : Surface
-        Vertices and triangles, those of `nilbs.geometry.extraction.field_surface` with stride 1 in another order.
+        Vertices and triangles, those of `dense_surface` with stride 1 in another order.
 
     Raises
     ------
@@ -43,13 +42,43 @@ def surface_near(
 
     Notes
     -----
-    Memory and time grow with the number of cells that the surface crosses.
+    A piece of the surface is found, all of it, if it crosses a block of 2 x 2 x 2 cells whose circumscribed ball holds
+    a place of the skin. A piece that is nowhere so near to the skin, 1.7 cells, is missing. Memory and time grow with
+    the number of cells that the surface crosses.
     """
     blocks = Blocks(values, grid)
-    blocks.add(near(skin, grid, reach))
+    blocks.add(near(skin, grid))
     found = crossings(blocks)
     index = found.index if tolerance is None else _polished(found, blocks, tolerance)
     return Surface(grid.origin + grid.spacing * (index - 1), found.F)
+
+
+def dense_surface(
+    values: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray | None]],
+    grid: Grid,
+    *,
+    stride: int,
+    tolerance: float | None = None,
+) -> Surface:
+    """The same from levels at all nodes, in the plane or in space: the readable twin.
+
+    Parameters and errors are those of `nilbs.geometry.extraction.field_surface`. Vertices inside cells stay.
+    """
+    levels, _ = node_levels(values, grid, stride=stride)
+    V, F = isosurface(levels, grid)
+    if tolerance is None:
+        return Surface(V, F)
+    index = (V - grid.origin) / grid.spacing
+    between = np.abs(index - np.round(index))
+    along = between == between.max(axis=1, keepdims=True)
+    low = np.where(along, np.floor(index), np.round(index)).astype(np.int64)
+    high = low + along
+    on_edge = (np.sort(between, axis=1)[:, -2] < 1e-5) & (low >= 0).all(axis=1) & (high < grid.shape).all(axis=1)
+    low, high = low[on_edge], high[on_edge]
+    f, g = (levels[tuple(node.T)] for node in (low, high))
+    ends = (grid.origin + grid.spacing * node for node in (low, high))
+    V[on_edge] = on_zero_set(*ends, f, g, lambda x: values(x)[0], tolerance=tolerance)
+    return Surface(V, F)
 
 
 def _polished(found: Crossings, blocks: Blocks, tolerance: float) -> np.ndarray:

@@ -129,14 +129,15 @@ def _by_values(height: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, 
         slot = np.stack(np.unravel_index(np.arange(len(part)), (PACKED,) * 3), axis=1)
         volume = np.ones((2 * PACKED,) * 3)
         volume[tuple(np.moveaxis(2 * slot[:, None] + CORNERS, -1, 0))] = part
-        index, F = lewiner(volume)
-        # Between the cells are others, which are none of ours: they have an odd index.
-        triangle = np.floor(index[F].mean(axis=1)).astype(np.int64)
-        F, triangle = (a[(triangle % 2 == 0).all(axis=1)] for a in (F, triangle))
-        at = np.ravel_multi_index(tuple(triangle.T // 2), (PACKED,) * 3)
+        # Cells do not touch: those between are left out.
+        mask = np.zeros(volume.shape, dtype=bool)
+        mask[tuple(2 * slot.T + 1)] = True
+        index, F = lewiner(volume, mask=mask)
+        slot = np.floor(index[F[:, 0]] / 2).astype(np.int64)
+        at = np.ravel_multi_index(tuple(slot.T), (PACKED,) * 3)
         order = np.argsort(at, kind="stable")
-        F, at, triangle = F[order], at[order], triangle[order]
-        place = index[F] - triangle[:, None]
+        F, at, slot = F[order], at[order], slot[order]
+        place = index[F] - 2 * slot[:, None]
         between = (place > 0) & (place < 1)
         axis = between.argmax(axis=2)
         corner = (place - between * place) @ [4, 2, 1]

@@ -58,6 +58,7 @@ class SearchEngine:
     width: float
     has_distance: ClassVar[bool] = True
     has_canonical_points: ClassVar[bool] = True
+    near_skin: ClassVar[bool] = True  # the surface, so that it can be searched from there
 
     @classmethod
     def of(cls, weights: Weights, distances: Distances, *, d: int, width: float) -> Self:

@@ -104,8 +104,10 @@ def _marching_squares(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(loops), np.stack([start, after], axis=1)
 
 
-def lewiner(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def lewiner(height: np.ndarray, *, mask: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (n, 3), in cells, and triangles (m, 3) around negative heights at the nodes of a grid, by scikit-image.
+
+    With a mask of nodes, in those cells only whose last node is in it.
 
     Examples
     --------
@@ -119,7 +121,7 @@ def lewiner(height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     # 1e-7. At this scale that decides nothing; at a small one neighbours disagree and edges get four triangles. A
     # power of two leaves the digits as they are, so that a part of a grid is decided as the whole.
     height = np.ldexp(height, 50 - np.frexp(np.abs(height).max())[1]).astype(np.float32)
-    index, F, _, _ = marching_cubes(height, 0.0, gradient_direction="descent")
+    index, F, _, _ = marching_cubes(height, 0.0, gradient_direction="descent", mask=mask)
     return index.astype(np.float64), F.astype(np.int64)
 
 

@@ -10,6 +10,7 @@ from nilbs.characters.character import Character
 from nilbs.engine.answer import Answer, PosedEngine
 from nilbs.engine.closest_search import ClosestPoints
 from nilbs.engine.compiled import each
+from nilbs.engine.extraction import dense_surface, surface_near
 from nilbs.engine.surface_tree import PosedSurface
 from nilbs.engine.unit_frame import FAR, UnitFrame, at_rest
 from nilbs.geometry.extraction import field_surface
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from nilbs.models.model import Model
     from nilbs.models.torch_field import TorchEngine
 
+# How far, in units of L, vertices of a surface may be from the field's zero set.
+TOLERANCE = 1e-6
 Result = TypeVar("Result")
 # Of a pose among several; () is that of the only one.
 Index = tuple[int, ...]
@@ -128,18 +131,26 @@ class PosedModel:
         found = self._joined(self._in_each(lambda k: self._images_in(k, unit[k])), unit.shape)
         return self.frame.points_back(found.astype(np.float64))
 
-    def extract_on(self, grid: Grid, *, stride: int = 4) -> Surface:
-        """Surface on a grid; with `stride` 1 the field is evaluated at every node."""
+    def extract_on(self, grid: Grid, *, stride: int = 4, polish: bool = True) -> Surface:
+        """Surface on a grid; with `stride` 1 the field is evaluated at every node.
 
-        def levels(x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-            answer = self._answer(x)
-            if not self._source.has_distance:
-                return answer.level * self.character.L, None
-            distance = self._completed(x, answer.distance)
-            level = np.where(np.isfinite(answer.level), answer.level * self.character.L, distance)
-            return level, distance
+        Where the engine searches roots, vertices are within a millionth of the body's longest edge of the field's zero
+        set; without `polish`, and for other methods, they are where levels interpolated between nodes are zero.
+        """
+        if not getattr(self._source, "near_skin", False):
+            return field_surface(self._levels, grid, stride=stride)
+        tolerance = TOLERANCE * self.character.L if polish else None
+        if self.character.d == 2 or stride == 1:
+            return dense_surface(self._levels, grid, stride=stride, tolerance=tolerance)
+        return surface_near(self.surface, lambda x: self._levels(x)[0], grid, tolerance=tolerance)
 
-        return field_surface(levels, grid, stride=stride)
+    def _levels(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Levels (n,), negative inside, and distances; in mesh units where they are lengths."""
+        answer = self._answer(x)
+        if not self._source.has_distance:
+            return answer.level * self.character.L, None
+        distance = self._completed(x, answer.distance)
+        return np.where(np.isfinite(answer.level), answer.level * self.character.L, distance), distance
 
     @property
     def lookups(self) -> float | None:

@@ -1,0 +1,125 @@
+"""Points on the zero set of a field, along segments between places of different sign."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from nilbs.engine.compiled import compiled, inlined
+
+# Rounds of queries at most, and how many before what is left is halved.
+ROUNDS, SECANTS = 50, 4
+
+
+def on_zero_set(
+    low: np.ndarray,
+    high: np.ndarray,
+    level_low: np.ndarray,
+    level_high: np.ndarray,
+    values: Callable[[np.ndarray], np.ndarray],
+    *,
+    tolerance: float,
+) -> np.ndarray:
+    """Where a field changes sign between points.
+
+    Parameters
+    ----------
+    low, high : (n, d) float arrays
+        Ends of segments.
+    level_low, level_high : (n,) float arrays
+        Levels there, of which one is negative and the other is not.
+    values : function of (k, d) points
+        Returns the levels (k,).
+    tolerance : float
+        A length: how far from a change of sign a point may be.
+
+    Returns
+    -------
+    x : (n, d) float array
+        Points on the segments, not quite at their ends, so that those of different segments differ.
+
+    Notes
+    -----
+    Secants through the last two places where these stay between ends of different sign, else false position; after a
+    few rounds halving, as where a level jumps. The last step, from a level below the tolerance, is made without a query
+    if it is shorter than the tolerance.
+
+    Examples
+    --------
+    >>> x = on_zero_set(np.zeros((1, 1)), np.ones((1, 1)), [-2.0], [2.0], lambda x: x[:, 0] ** 3 * 4 - 2, tolerance=1e-6)
+    >>> abs(float(x[0, 0]) ** 3 - 0.5) < 3e-6
+    True
+    """
+    low, high = (np.ascontiguousarray(ends, dtype=np.float64) for ends in (low, high))
+    n = len(low)
+    found, left = np.empty(low.shape), np.arange(n)
+    # The part of each segment that is queried next, and what `_step` keeps of its earlier places.
+    part, kept = np.empty(n), np.empty((n, 4))
+    _begin(np.asarray(level_low, dtype=np.float64), np.asarray(level_high, dtype=np.float64), part, kept)
+    for k in range(ROUNDS):
+        x = np.empty((len(left), low.shape[1]))
+        _places(low, high, left, part, 0.0, x)
+        left = left[: _step(low, high, np.asarray(values(x)), left, part, kept, k >= SECANTS, tolerance)]
+        if not len(left):
+            break
+    _places(low, high, np.arange(n), part, 0.25 * tolerance, found)
+    return found
+
+
+@compiled
+def _begin(level_low, level_high, part, kept):  # type: ignore[no-untyped-def]
+    """Start with the ends of segments, and where the line between their levels is zero."""
+    for i in range(part.shape[0]):
+        f, g = level_low[i], level_high[i]
+        kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3] = 0.0, f, 1.0, g
+        part[i] = f / (f - g)
+
+
+@compiled
+def _places(low, high, left, part, margin, x):  # type: ignore[no-untyped-def]
+    """Write parts of segments as points, not nearer to an end than a margin."""
+    for n in range(left.shape[0]):
+        i = left[n]
+        s = part[i]
+        if margin > 0:
+            least = min(margin / _length(low, high, i), 0.5)
+            s = min(max(s, least), 1 - least)
+        for r in range(x.shape[1]):
+            x[n, r] = low[i, r] + s * (high[i, r] - low[i, r])
+
+
+@inlined
+def _length(low, high, i):  # type: ignore[no-untyped-def]
+    squared = 0.0
+    for r in range(low.shape[1]):
+        squared += (high[i, r] - low[i, r]) ** 2
+    return np.sqrt(squared)
+
+
+@compiled
+def _step(low, high, level, left, part, kept, halving, tolerance):  # type: ignore[no-untyped-def]
+    """Write the next parts, keep the segments that need another query and return how many there are.
+
+    Kept are the part a beyond the zero and the last one b, with their levels.
+    """
+    count = 0
+    for n in range(left.shape[0]):
+        i = left[n]
+        # The last place becomes the one before it, c.
+        a, f_a, c, f_c = kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3]
+        b, f_b = part[i], level[n]
+        if (f_b < 0) == (f_a < 0):
+            a, f_a = c, f_c
+        size = _length(low, high, i)
+        s = b - f_b * (b - c) / (f_b - f_c)
+        if not (s - a) * (s - b) < 0:
+            s = b - f_b * (b - a) / (f_b - f_a)
+        short = abs(a - b) * size < tolerance
+        near = abs(s - b) * size < tolerance and abs(f_b) < tolerance
+        if short or (halving and not near):
+            s = (a + b) / 2
+        kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3] = a, f_a, b, f_b
+        part[i] = s
+        if not (short or near):
+            left[count] = i
+            count += 1
+    return count
