@@ -5,19 +5,22 @@ are blocks, so that memory grows as the surface does. The grid has one more laye
 outside, as `nilbs.geometry.level_sets.isosurface` has it; there, nodes are counted from that layer.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from nilbs.engine.compiled import compiled, inlined
-from nilbs.engine.surface_tree import PosedSurface
+from nilbs.engine.compiled import PROBLEM, allocating, compiled, inlined
 from nilbs.geometry.grids import Grid
+
+if PROBLEM is None:
+    from nilbs.engine.lanes import ones
 
 # Posed points (n, d) -> levels (n,), negative inside.
 Levels = Callable[[np.ndarray], np.ndarray]
-# Cells along the edge of a block, and of the largest one that is divided.
-CELLS, LARGEST = 2, 32
+# Cells along the edge of a block.
+CELLS = 2
 # Blocks whose nodes are queried together.
 BATCH = 2**15
 # The nodes of a block are bits, the last axis running fastest: those of all, and of its faces, by axis and side.
@@ -96,22 +99,78 @@ class Blocks:
             _insides(part, self.bricks, self.inside[first + begin :])
 
 
-def near(skin: PosedSurface, grid: Grid) -> np.ndarray:
-    """First nodes (n, 3) of the blocks whose circumscribed ball holds a place of the skin.
+def near(U: np.ndarray, F: np.ndarray, grid: Grid) -> np.ndarray:
+    """First nodes (n, 3) of the blocks whose circumscribed ball holds a place of a surface, and of few others."""
+    shape = (np.array(grid.shape) + CELLS) // CELLS
+    marks = np.zeros((*shape[:2], shape[2] // 64 + 1), dtype=np.uint64)
+    # In edges of a block; the centre of block 0 is the first node of the grid.
+    _mark((U - grid.origin) / (CELLS * grid.spacing), F, 3**0.5 / 2, shape, marks)
+    corner = np.empty((_marked(marks, np.empty((0, 3), dtype=np.int64)), 3), dtype=np.int64)
+    _marked(marks, corner)
+    return corner
 
-    Larger blocks are tested first, and divided.
-    """
-    size, cells = LARGEST, np.array(grid.shape) + 1
-    corner = np.stack(np.meshgrid(*(np.arange(0, n, size) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    while True:
-        centre = grid.origin + grid.spacing * (corner + (size / 2 - 1))
-        found = skin.closest(centre, within=3**0.5 / 2 * size * grid.spacing)
-        corner = corner[found.facet >= 0]
-        if size == CELLS:
-            return corner
-        size //= 2
-        corner = (corner[:, None] + size * np.argwhere(np.ones((2, 2, 2)))).reshape(-1, 3)
-        corner = corner[(corner < cells).all(axis=1)]
+
+@allocating
+def _mark(U, F, reach, shape, marks):  # type: ignore[no-untyped-def]
+    """Mark, one bit each, the whole numbers within reach of triangles' planes that are not beyond edges by more."""
+    low, high, normal, x = np.empty(3, np.int64), np.empty(3, np.int64), np.zeros(3), np.empty(3)
+    beyond = np.zeros((3, 3))  # unit normals of the edges
+    for f in range(F.shape[0]):
+        for r in range(3):
+            least = min(U[F[f, 0], r], U[F[f, 1], r], U[F[f, 2], r])
+            most = max(U[F[f, 0], r], U[F[f, 1], r], U[F[f, 2], r])
+            low[r] = max(math.ceil(max(least - reach, 0.0)), 0)
+            high[r] = math.floor(min(most + reach, shape[r] - 1.0))
+        edges = U[F[f, 1]] - U[F[f, 0]], U[F[f, 2]] - U[F[f, 1]], U[F[f, 0]] - U[F[f, 2]]
+        _unit_normal(edges[0], edges[1], normal)
+        for e in range(3):
+            _unit_normal(edges[e], normal, beyond[e])
+        # Along the axis nearest to the normal few places lie near the plane.
+        inner = np.argmax(np.abs(normal))
+        first, second = (inner + 1) % 3, (inner + 2) % 3
+        p = U[F[f, 0]]
+        for i in range(low[first], high[first] + 1):
+            for j in range(low[second], high[second] + 1):
+                begin, end = low[inner], high[inner]
+                if normal[inner] != 0:
+                    off = normal[first] * (i - p[first]) + normal[second] * (j - p[second])
+                    middle, half = p[inner] - off / normal[inner], reach / abs(normal[inner])
+                    begin, end = max(begin, math.ceil(middle - half)), min(end, math.floor(middle + half))
+                for k in range(begin, end + 1):
+                    x[first], x[second], x[inner] = i, j, k
+                    out = False
+                    for e in range(3):
+                        m, q = beyond[e], F[f, e]
+                        out |= m[0] * (x[0] - U[q, 0]) + m[1] * (x[1] - U[q, 1]) + m[2] * (x[2] - U[q, 2]) > reach
+                    if not out:
+                        z = int(x[2])
+                        marks[int(x[0]), int(x[1]), z >> 6] |= np.uint64(1) << np.uint64(z & 63)
+
+
+@inlined
+def _unit_normal(a, b, normal):  # type: ignore[no-untyped-def]
+    """Write the unit vector across two, or zero."""
+    n0, n1, n2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    length = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    f = 1 / length if length > 0 else 0.0
+    normal[0], normal[1], normal[2] = f * n0, f * n1, f * n2
+
+
+@compiled
+def _marked(marks, corner):  # type: ignore[no-untyped-def]
+    """Write the first nodes of marked blocks, as far as there is room, and return how many there are."""
+    count = 0
+    for i in range(marks.shape[0]):
+        for j in range(marks.shape[1]):
+            for w in range(marks.shape[2]):
+                word = marks[i, j, w]
+                while word:
+                    k = 64 * w + ones((word & (~word + np.uint64(1))) - np.uint64(1))
+                    word &= word - np.uint64(1)
+                    if count < corner.shape[0]:
+                        corner[count, 0], corner[count, 1], corner[count, 2] = CELLS * i, CELLS * j, CELLS * k
+                    count += 1
+    return count
 
 
 def _with_room(array: np.ndarray, used: int, count: int) -> np.ndarray:

@@ -7,7 +7,6 @@ import numpy as np
 from nilbs.engine.blocks import Blocks, Levels, near
 from nilbs.engine.marching_cubes import CORNERS, Crossings, crossings
 from nilbs.engine.polishing import on_zero_set
-from nilbs.engine.surface_tree import PosedSurface
 from nilbs.geometry.extraction import node_levels
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.level_sets import isosurface
@@ -17,12 +16,15 @@ from nilbs.geometry.surface import Surface
 BATCH = 2**18
 
 
-def surface_near(skin: PosedSurface, values: Levels, grid: Grid, *, tolerance: float | None = None) -> Surface:
+def surface_near(
+    U: np.ndarray, F: np.ndarray, values: Levels, grid: Grid, *, tolerance: float | None = None
+) -> Surface:
     """Surface of a field on a grid in space, queried in blocks of cells near the skin and where it leads from there.
 
     Parameters
     ----------
-    skin : PosedSurface
+    U, F : (n, 3) float array and (m, 3) int array
+        The posed skin.
     values : function of (n, 3) points
         Returns levels (n,), negative inside.
     grid : Grid
@@ -47,7 +49,7 @@ def surface_near(skin: PosedSurface, values: Levels, grid: Grid, *, tolerance: f
     the number of cells that the surface crosses.
     """
     blocks = Blocks(values, grid)
-    blocks.add(near(skin, grid))
+    blocks.add(near(U, F, grid))
     found = crossings(blocks)
     index = found.index if tolerance is None else _polished(found, blocks, tolerance)
     return Surface(grid.origin + grid.spacing * (index - 1), found.F)

@@ -8,6 +8,8 @@ from nilbs.engine.compiled import compiled, inlined
 
 # Rounds of queries at most, and how many before what is left is halved.
 ROUNDS, SECANTS = 50, 4
+# In tolerances: how long the last step may be, and by how much it may miss by what slopes predict.
+LAST, MISSED = 8, 0.2
 
 
 def on_zero_set(
@@ -40,8 +42,8 @@ def on_zero_set(
     Notes
     -----
     Secants through the last two places where these stay between ends of different sign, else false position; after a
-    few rounds halving, as where a level jumps. The last step, from a level below the tolerance, is made without a query
-    if it is shorter than the tolerance.
+    few rounds halving, as where a level jumps. The last step is made without a query if it is short and slopes on its
+    two sides agree.
 
     Examples
     --------
@@ -107,6 +109,7 @@ def _step(low, high, level, left, part, kept, halving, tolerance):  # type: igno
         # The last place becomes the one before it, c.
         a, f_a, c, f_c = kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3]
         b, f_b = part[i], level[n]
+        before, behind = (f_b - f_a) / (b - a), (f_c - f_b) / (c - b)
         if (f_b < 0) == (f_a < 0):
             a, f_a = c, f_c
         size = _length(low, high, i)
@@ -114,7 +117,9 @@ def _step(low, high, level, left, part, kept, halving, tolerance):  # type: igno
         if not (s - a) * (s - b) < 0:
             s = b - f_b * (b - a) / (f_b - f_a)
         short = abs(a - b) * size < tolerance
-        near = abs(s - b) * size < tolerance and abs(f_b) < tolerance
+        # The step misses the zero by about the part of it by which the slopes on the two sides differ.
+        missed = abs(s - b) * size * abs(before - behind) / max(abs(before), abs(behind))
+        near = missed < MISSED * tolerance and max(abs(s - b) * size, abs(f_b)) < LAST * tolerance
         if short or (halving and not near):
             s = (a + b) / 2
         kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3] = a, f_a, b, f_b

@@ -116,7 +116,7 @@ def test_two_cells_that_share_a_diagonal_are_separated() -> None:
 @pytest.mark.parametrize("kind", ["ties", "a peak far above the rest"])
 def test_ties_need_no_repair(kind: str, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     # The repair is a loop over edges: slow on a binary volume, which needs it everywhere.
-    monkeypatch.setattr("nilbs.geometry.level_sets._two_triangles_an_edge", lambda index, F: (index, F))
+    monkeypatch.setattr("nilbs.geometry.level_sets.two_triangles_an_edge", lambda index, F: (index, F))
     shape = (20, 20, 20)
     values = rng.choice([-1.0, 1.0], shape) if kind == "ties" else 1e-4 * rng.normal(size=shape)
     values[0, 0, 0] = 1.0
