@@ -6,8 +6,8 @@ import numpy as np
 
 from nilbs.engine.compiled import compiled, inlined
 
-# Rounds of queries at most, and how many before what is left is halved.
-ROUNDS, SECANTS = 50, 4
+# Rounds of secants, and parts into which every further round cuts what is left.
+SECANTS, PARTS = 6, 8
 # In tolerances: how long the last step may be, and by how much it may miss by what slopes predict.
 LAST, MISSED = 8, 0.2
 
@@ -41,9 +41,9 @@ def on_zero_set(
 
     Notes
     -----
-    Secants through the last two places where these stay between ends of different sign, else false position; after a
-    few rounds halving, as where a level jumps. The last step is made without a query if it is short and slopes on its
-    two sides agree.
+    Secants through the last two places where these stay between ends of different sign, else false position; what is
+    left after a few rounds, as where a level jumps, is cut into several parts at once. The last step is made without a
+    query if it is short and the slopes on its two sides agree.
 
     Examples
     --------
@@ -57,12 +57,20 @@ def on_zero_set(
     # The part of each segment that is queried next, and what `_step` keeps of its earlier places.
     part, kept = np.empty(n), np.empty((n, 4))
     _begin(np.asarray(level_low, dtype=np.float64), np.asarray(level_high, dtype=np.float64), part, kept)
-    for k in range(ROUNDS):
+    for _ in range(SECANTS):
         x = np.empty((len(left), low.shape[1]))
         _places(low, high, left, part, 0.0, x)
-        left = left[: _step(low, high, np.asarray(values(x)), left, part, kept, k >= SECANTS, tolerance)]
-        if not len(left):
-            break
+        left = left[: _step(low, high, np.asarray(values(x)), left, part, kept, tolerance)]
+    low_left, along, a, b = low[left], high[left] - low[left], kept[left, 0], kept[left, 2]
+    while len(left) and (np.abs(b - a) * np.linalg.norm(along, axis=1)).max() > tolerance:
+        parts = a[:, None] + (b - a)[:, None] * np.linspace(0, 1, PARTS + 1)
+        x = low_left[:, None] + parts[:, 1:-1, None] * along[:, None]
+        level = np.asarray(values(x.reshape(-1, low.shape[1]))).reshape(len(left), PARTS - 1)
+        changed = np.ones((len(left), PARTS), dtype=bool)
+        changed[:, :-1] = (level < 0) != (kept[left, 1] < 0)[:, None]
+        last = changed.argmax(axis=1)[:, None]
+        a, b = (np.take_along_axis(parts, k, axis=1)[:, 0] for k in (last, last + 1))
+    part[left] = (a + b) / 2
     _places(low, high, np.arange(n), part, 0.25 * tolerance, found)
     return found
 
@@ -98,7 +106,7 @@ def _length(low, high, i):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _step(low, high, level, left, part, kept, halving, tolerance):  # type: ignore[no-untyped-def]
+def _step(low, high, level, left, part, kept, tolerance):  # type: ignore[no-untyped-def]
     """Write the next parts, keep the segments that need another query and return how many there are.
 
     Kept are the part a beyond the zero and the last one b, with their levels.
@@ -120,7 +128,7 @@ def _step(low, high, level, left, part, kept, halving, tolerance):  # type: igno
         # The step misses the zero by about the part of it by which the slopes on the two sides differ.
         missed = abs(s - b) * size * abs(before - behind) / max(abs(before), abs(behind))
         near = missed < MISSED * tolerance and max(abs(s - b) * size, abs(f_b)) < LAST * tolerance
-        if short or (halving and not near):
+        if short:
             s = (a + b) / 2
         kept[i, 0], kept[i, 1], kept[i, 2], kept[i, 3] = a, f_a, b, f_b
         part[i] = s
