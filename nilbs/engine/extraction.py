@@ -51,7 +51,7 @@ def surface_near(
     blocks = Blocks(values, grid)
     blocks.add(near(U, F, grid))
     found = crossings(blocks)
-    index = found.index if tolerance is None else _polished(found, blocks, tolerance)
+    index = found.place if tolerance is None else _polished(found, blocks, tolerance)
     return Surface(grid.origin + grid.spacing * (index - 1), found.F)
 
 
@@ -78,8 +78,8 @@ def dense_surface(
     on_edge = (np.sort(between, axis=1)[:, -2] < 1e-5) & (low >= 0).all(axis=1) & (high < grid.shape).all(axis=1)
     low, high = low[on_edge], high[on_edge]
     f, g = (levels[tuple(node.T)] for node in (low, high))
-    ends = (grid.origin + grid.spacing * node for node in (low, high))
-    V[on_edge] = on_zero_set(*ends, f, g, lambda x: values(x)[0], tolerance=tolerance)
+    low, high = (grid.origin + grid.spacing * node for node in (low, high))
+    V[on_edge] = on_zero_set(low, high, f, g, lambda x: values(x)[0], tolerance=tolerance)
     return Surface(V, F)
 
 
@@ -90,7 +90,7 @@ def _polished(found: Crossings, blocks: Blocks, tolerance: float) -> np.ndarray:
     def level(index: np.ndarray) -> np.ndarray:
         return blocks.values(grid.origin + grid.spacing * (index - 1))
 
-    index, low = found.index.copy(), found.node.astype(np.float64)
+    index, low = found.place.copy(), found.node.astype(np.float64)
     high, f, g = low.copy(), found.low.copy(), found.high.copy()
     first = np.searchsorted(-found.axis, 1)
     high[np.arange(first), found.axis[:first]] += 1

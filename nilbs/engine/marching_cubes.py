@@ -18,7 +18,7 @@ if PROBLEM is None:
 
 # Cells that scikit-image gets at once: 16 along each edge, so that single precision holds where vertices are.
 PACKED = 16
-# An edge of a cell is 3 corner + axis, from its lower corner; its corners are counted with the last axis running fastest.
+# An edge of a cell is 3 corner + axis, from its lower corner; of the corners the last axis runs fastest.
 EDGES = 24
 CORNERS = np.argwhere(np.ones((2, 2, 2)))
 # The part of a cell that decisions keep the surface away from a node by.
@@ -36,7 +36,7 @@ class Crossings(NamedTuple):
         The direction of the edge; -1 inside a cell.
     low, high : (n,) float arrays
         Levels at the ends of the edge.
-    index : (n, 3) float array
+    place : (n, 3) float array
         Where vertices lie, in cells.
     F : (m, 3) int array
         Triangles, oriented outward.
@@ -46,7 +46,7 @@ class Crossings(NamedTuple):
     axis: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    index: np.ndarray
+    place: np.ndarray
     F: np.ndarray
 
 
@@ -212,9 +212,7 @@ def _write(corner, inside, bricks, table, first, edges, node, axis, ends, F, cel
                 for r in range(3):
                     e = table.edges[case, t, r]
                     c = e // 3
-                    F[m, r] = _vertex(
-                        bricks, first, edges, i + (c >> 2), j + ((c >> 1) & 1), k + (c & 1), e - 3 * c
-                    )
+                    F[m, r] = _vertex(bricks, first, edges, i + (c >> 2), j + ((c >> 1) & 1), k + (c & 1), e - 3 * c)
                 m += 1
             if table.number[case] < 0:
                 cell[u, 0], cell[u, 1], cell[u, 2] = i, j, k

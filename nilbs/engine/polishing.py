@@ -47,7 +47,8 @@ def on_zero_set(
 
     Examples
     --------
-    >>> x = on_zero_set(np.zeros((1, 1)), np.ones((1, 1)), [-2.0], [2.0], lambda x: x[:, 0] ** 3 * 4 - 2, tolerance=1e-6)
+    >>> cubes = lambda x: 4 * x[:, 0] ** 3 - 2
+    >>> x = on_zero_set(np.zeros((1, 1)), np.ones((1, 1)), [-2.0], [2.0], cubes, tolerance=1e-6)
     >>> abs(float(x[0, 0]) ** 3 - 0.5) < 3e-6
     True
     """

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from nilbs.characters.character import Character
 from nilbs.characters.motion import Motion
+from nilbs.engine.surface_tree import SurfaceTree
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses, random_rotations
@@ -249,7 +251,7 @@ class _Posed(Protocol):
     def occupancy(self, x: np.ndarray) -> np.ndarray: ...
     def distance(self, x: np.ndarray) -> np.ndarray: ...
     def posed_distance(self, x: np.ndarray) -> np.ndarray: ...
-    def extract_on(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]: ...
+    def extract_on(self, grid: Grid, *, polish: bool) -> tuple[np.ndarray, np.ndarray]: ...
 
 
 def _predictor(model: Model, row: str) -> Callable[[np.ndarray], _Posed | None]:
@@ -309,7 +311,9 @@ class _Scene:
         """Which points a prediction has inside; the truth itself if there is no prediction."""
         if posed is None:
             return self.true
-        return _above_half({name: posed.occupancy(x) for name, x in self.points.items()})
+        occupancy = posed.occupancy(np.concatenate(list(self.points.values())))
+        ends = np.cumsum([len(x) for x in self.points.values()])
+        return _above_half(dict(zip(self.points, np.split(occupancy, ends[:-1]), strict=True)))
 
     def scores(self, posed: _Posed | None, inside: dict[str, np.ndarray], *, distances: bool) -> dict[str, Any]:
         """Scores of a prediction; of the truth's own surface where there is none."""
@@ -321,7 +325,8 @@ class _Scene:
             true = signed_distance(self.truth.U, c.F, x)
             for name, found in (("distance_error", posed.distance), ("posed_distance_error", posed.posed_distance)):
                 scores[name] = 100 / c.L * float(np.abs(found(x) - true).mean())
-        return scores | self._surface(posed.extract_on)
+        # Not polished: for all methods alike, and for the floor, levels at the nodes of the grid make the surface.
+        return scores | self._surface(partial(posed.extract_on, polish=False))
 
     def _ious(self, inside: dict[str, np.ndarray]) -> dict[str, float]:
         return {name: intersection_over_union(inside[name], true) for name, true in self.true.items()}
@@ -331,7 +336,15 @@ class _Scene:
             return {}
         rng, c = np.random.default_rng([*self.stream, 2]), self.character
         U, F = extract_on(self.grid)
-        return surface_scores(U, F, self.truth.U, self.truth.F, unit=c.L, n=self.samples, rng=rng)
+        return surface_scores(
+            U, F, self.truth.U, self.truth.F, unit=c.L, n=self.samples, rng=rng, closest=_closest_points
+        )
+
+
+def _closest_points(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Distance, facet and place of the closest points of a surface; `nilbs.geometry.distance` has the twin."""
+    found = SurfaceTree(V, F).posed(V).closest(x)
+    return found.distance, found.facet, found.point
 
 
 def _above_half(occupancies: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

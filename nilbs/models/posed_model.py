@@ -142,9 +142,7 @@ class PosedModel:
         tolerance = TOLERANCE * self.character.L if polish else None
         if self.character.d == 2 or stride == 1:
             return dense_surface(self._levels, grid, stride=stride, tolerance=tolerance)
-        return surface_near(
-            self.U, self.character.F, lambda x: self._levels(x)[0], grid, tolerance=tolerance
-        )
+        return surface_near(self.U, self.character.F, lambda x: self._levels(x)[0], grid, tolerance=tolerance)
 
     def _levels(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Levels (n,), negative inside, and distances; in mesh units where they are lengths."""

@@ -69,7 +69,7 @@ class PosedStandIn:
     def posed_distance(self, x: np.ndarray) -> np.ndarray:
         return signed_distance(self.mesh.U, self.mesh.F, x) - 0.01
 
-    def extract_on(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    def extract_on(self, grid: Grid, *, polish: bool) -> tuple[np.ndarray, np.ndarray]:
         if self.kind == "empty":
             return np.zeros((0, self.d)), np.zeros((0, self.d), dtype=int)
         if self.kind == "perfect":

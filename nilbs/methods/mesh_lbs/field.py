@@ -3,12 +3,12 @@
 import numpy as np
 
 from nilbs.engine.array_engine import ArrayAnswers
+from nilbs.engine.winding import winding_number
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.extraction import field_surface
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.geometry.surface import Surface
-from nilbs.geometry.winding import occupancy
 
 
 class MeshInPose:
@@ -34,7 +34,7 @@ class PosedMesh:
 
     def inside(self, x: np.ndarray) -> np.ndarray:
         """Whether points (n, d) are inside: absolute generalized winding number above one half."""
-        return occupancy(self.U, self.F, x)
+        return np.abs(winding_number(self.U, self.F, x)) > 0.5
 
     def extract_on(self, grid: Grid) -> Surface:
         """Surface of the mesh's own signed distance on a grid: vertices (k, d) and facets (m', d)."""
