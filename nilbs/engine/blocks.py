@@ -7,11 +7,12 @@ outside, as `nilbs.geometry.level_sets.isosurface` has it; there, nodes are coun
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from nilbs.engine.compiled import PROBLEM, allocating, compiled, inlined
+from nilbs.engine.compiled import PROBLEM, allocating, compiled, in_pieces, inlined
 from nilbs.geometry.grids import Grid
 
 if PROBLEM is None:
@@ -21,8 +22,8 @@ if PROBLEM is None:
 Levels = Callable[[np.ndarray], np.ndarray]
 # Cells along the edge of a block.
 CELLS = 2
-# Blocks whose nodes are queried together.
-BATCH = 2**15
+# Blocks whose nodes are queried together, and that a thread takes at once.
+BATCH, PIECE = 2**15, 2**12
 # The nodes of a block are bits, the last axis running fastest: those of all, and of its faces, by axis and side.
 NODES = 27
 _NODE = 1 << np.arange(NODES).reshape(3, 3, 3)
@@ -96,7 +97,7 @@ class Blocks:
             if not np.isfinite(levels).all():
                 raise ValueError(f"levels must be finite, got {levels[~np.isfinite(levels)][0]}")
             _fill(node, np.array(self.grid.shape), levels, self.bricks)
-            _insides(part, self.bricks, self.inside[first + begin :])
+            in_pieces(partial(_insides, part, self.bricks, self.inside[first + begin :]), len(part), piece=PIECE)
 
 
 def near(U: np.ndarray, F: np.ndarray, grid: Grid) -> np.ndarray:
@@ -242,9 +243,9 @@ def _fill(node, shape, levels, bricks):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _insides(corner, bricks, inside):  # type: ignore[no-untyped-def]
+def _insides(corner, bricks, inside, begin, end):  # type: ignore[no-untyped-def]
     """Write which nodes of blocks are inside."""
-    for b in range(corner.shape[0]):
+    for b in range(begin, end):
         inside[b] = 0
         for n in range(NODES):
             if level_at(bricks, corner[b, 0] + n // 9, corner[b, 1] + n // 3 % 3, corner[b, 2] + n % 3) < 0:
