@@ -100,12 +100,16 @@ class Blocks:
             in_pieces(partial(_insides, part, self.bricks, self.inside[first + begin :]), len(part), piece=PIECE)
 
 
-def near(U: np.ndarray, F: np.ndarray, grid: Grid) -> np.ndarray:
-    """First nodes (n, 3) of the blocks whose circumscribed ball holds a place of a surface, and of few others."""
+def near(U: np.ndarray, F: np.ndarray, grid: Grid, reach: float) -> np.ndarray:
+    """First nodes (n, 3) of the blocks whose centre is within reach of a surface, and of few others.
+
+    A shorter reach than half a block's diagonal counts as that: the ball around the block holds a place.
+    """
     shape = (np.array(grid.shape) + CELLS) // CELLS
     marks = np.zeros((*shape[:2], shape[2] // 64 + 1), dtype=np.uint64)
     # In edges of a block; the centre of block 0 is the first node of the grid.
-    _mark((U - grid.origin) / (CELLS * grid.spacing), F, 3**0.5 / 2, shape, marks)
+    edge = CELLS * grid.spacing
+    _mark((U - grid.origin) / edge, F, max(3**0.5 / 2, reach / edge), shape, marks)
     corner = np.empty((_marked(marks, np.empty((0, 3), dtype=np.int64)), 3), dtype=np.int64)
     _marked(marks, corner)
     return corner

@@ -17,7 +17,7 @@ BATCH = 2**18
 
 
 def surface_near(
-    U: np.ndarray, F: np.ndarray, values: Levels, grid: Grid, *, tolerance: float | None = None
+    U: np.ndarray, F: np.ndarray, values: Levels, grid: Grid, *, reach: float = 0.0, tolerance: float | None = None
 ) -> Surface:
     """Surface of a field on a grid in space, queried in blocks of cells near the skin and where it leads from there.
 
@@ -28,6 +28,8 @@ def surface_near(
     values : function of (n, 3) points
         Returns levels (n,), negative inside.
     grid : Grid
+    reach : float
+        A length: how far from the skin blocks are queried in any case.
     tolerance : float, optional
         A length: how far vertices may be from the field's zero set. By default they lie where levels that are
         interpolated between nodes are zero.
@@ -44,12 +46,12 @@ def surface_near(
 
     Notes
     -----
-    A piece of the surface is found, all of it, if it crosses a block of 2 x 2 x 2 cells whose circumscribed ball holds
-    a place of the skin. A piece that is nowhere so near to the skin, 1.7 cells, is missing. Memory and time grow with
-    the number of cells that the surface crosses.
+    A piece of the surface is found, all of it, if it crosses a block of 2 x 2 x 2 cells whose centre is within reach of
+    the skin, or within half the block's diagonal, 1.7 cells. A piece that is nowhere so near is missing. Memory and
+    time grow with the number of cells that the surface crosses.
     """
     blocks = Blocks(values, grid)
-    blocks.add(near(U, F, grid))
+    blocks.add(near(U, F, grid, reach))
     found = crossings(blocks)
     index = found.place if tolerance is None else _polished(found, blocks, tolerance)
     return Surface(grid.origin + grid.spacing * (index - 1), found.F)

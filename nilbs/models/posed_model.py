@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from nilbs.models.model import Model
     from nilbs.models.torch_field import TorchEngine
 
-# How far, in units of L, vertices of a surface may be from the field's zero set.
-TOLERANCE = 1e-6
+# In units of L: how far from the posed skin every piece of a surface has a place, and how far from the field's zero set
+# vertices may be. Only specks where no root is found lie farther from the skin than a thousandth.
+REACH, TOLERANCE = 0.006, 1e-6
 Result = TypeVar("Result")
 # Of a pose among several; () is that of the only one.
 Index = tuple[int, ...]
@@ -142,7 +143,8 @@ class PosedModel:
         tolerance = TOLERANCE * self.character.L if polish else None
         if self.character.d == 2 or stride == 1:
             return dense_surface(self._levels, grid, stride=stride, tolerance=tolerance)
-        return surface_near(self.U, self.character.F, lambda x: self._levels(x)[0], grid, tolerance=tolerance)
+        levels, c = (lambda x: self._levels(x)[0]), self.character
+        return surface_near(self.U, c.F, levels, grid, reach=REACH * c.L, tolerance=tolerance)
 
     def _levels(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
         """Levels (n,), negative inside, and distances; in mesh units where they are lengths."""

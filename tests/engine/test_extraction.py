@@ -146,16 +146,16 @@ def test_cases_that_signs_decide_are_those_with_connected_corners() -> None:
     assert table.number.max() == 4
 
 
-@pytest.mark.parametrize("resolution", [17, 40])
-def test_blocks_near_a_surface_are_those_whose_ball_holds_a_place_of_it(resolution: int, rng) -> None:
+@pytest.mark.parametrize(("resolution", "reach"), [(17, 0.0), (40, 0.0), (40, 0.15)])
+def test_blocks_near_a_surface_are_those_whose_centre_is_within_reach(resolution: int, reach: float, rng) -> None:
     grid = Grid.cube(np.array([[-1.0] * 3, [1.0] * 3]), resolution)
     V, F = rng.uniform(-1.2, 1.2, (30, 3)), rng.integers(0, 30, (12, 3))  # also flat and beyond the grid
     F[0], F[1, 1] = F[0, 0], F[1, 0]
     shape = (np.array(grid.shape) + 2) // 2
     every = 2 * np.argwhere(np.ones(shape))
     distance, _, _ = closest_points(V, F, grid.origin + grid.spacing * every)
-    expected = distance <= 3**0.5 * grid.spacing * (1 - 1e-9)
-    corner = near(V, F, grid)
+    expected = distance <= max(3**0.5 * grid.spacing, reach) * (1 - 1e-9)
+    corner = near(V, F, grid, reach)
     found = np.zeros(shape, dtype=bool)
     found[tuple(corner.T // 2)] = True
     assert len(corner) == found.sum()
