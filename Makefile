@@ -48,11 +48,11 @@ bench: $(VENV)/.ready-bench $(BENCH) ## time nilbs beside libraries that query t
 out/bench/elephant.nilbs: | $(VENV)/.ready-bench
 	mkdir -p $(@D)
 	$(BIN)/nilbs train $(NILBS_DATA)/elephant/elephant.obj $(NILBS_DATA)/elephant/elephant.tgf \
-	  $(NILBS_DATA)/elephant/elephant-weights.dmat --motion $(NILBS_DATA)/elephant/elephant-anim.dmat --minutes 2 -o $@
+	  $(NILBS_DATA)/elephant/elephant-weights.dmat --motion $(NILBS_DATA)/elephant/elephant-anim.dmat -o $@
 
 out/bench/gingerbread.nilbs: | $(VENV)/.ready-bench
 	mkdir -p $(@D)
-	$(BIN)/nilbs train examples/assets/cookie.obj examples/assets/gingerbread.tgf --minutes 2 -o $@
+	$(BIN)/nilbs train examples/assets/cookie.obj examples/assets/gingerbread.tgf -o $@
 
 blender: bpy $(VENV)/.ready-test ## compare with Blender; its package bpy is installed in $XDG_CACHE_HOME/nilbs on first use
 	OMP_NUM_THREADS=1 NILBS_BPY=$(BLENDER)/bin/python $(BIN)/python -m pytest tests/io/test_blender.py

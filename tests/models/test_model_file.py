@@ -283,7 +283,7 @@ def test_broken_grids_of_the_last_version_are_refused(change, message: str, tmp_
 
 
 @DIMENSIONS
-@pytest.mark.parametrize("encoding", ["local", "parameters"])
+@pytest.mark.parametrize("encoding", ["distances", "local", "parameters"])
 @pytest.mark.parametrize("ghost", [False, True])
 @pytest.mark.parametrize("forward", ["grid", "network"])
 def test_the_shapes_that_files_are_checked_by_are_those_of_the_field(
