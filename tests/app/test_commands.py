@@ -304,7 +304,16 @@ def test_resume(assets, nilbs, succeeds, out, monkeypatch, quick_training):
 
     # A training is saved, and continues, where it refreshes its errors.
     monkeypatch.setattr("nilbs.fields.objective.REFRESH", 4)
-    files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--steps", 8)
+    files = (
+        assets / "bar2.obj",
+        assets / "bar.tgf",
+        "--weights",
+        assets / "bar2-weights.npz",
+        "--steps",
+        8,
+        "--occupancy-loss",
+        1,
+    )
     alone = succeeds("train", *files, "-o", out / "alone.nilbs")
     one_cycle = training.one_cycle
 

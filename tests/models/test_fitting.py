@@ -39,7 +39,7 @@ SIZES = {
     "cache_resolution": 16,
     "weight_resolution": 16,
 }
-TINY = Nilbs(steps=20, learning_rate=0.01, **SIZES)
+TINY = Nilbs(steps=20, learning_rate=0.01, occupancy_loss=1.0, **SIZES)
 MLP = Mlp(steps=20, **{name: size for name, size in SIZES.items() if "resolution" not in name})
 # Steps between two refreshes of the errors, after which a training may be continued.
 REFRESH = 5
@@ -136,8 +136,10 @@ def test_a_motion_of_another_rig_is_refused(bar, characters) -> None:
 def test_a_training_is_as_long_as_its_rig_asks_for(characters, monkeypatch) -> None:
     monkeypatch.setattr("nilbs.fields.training.train", lambda *args, steps, **options: np.zeros(steps))
     for d, bones in ((2, 13), (3, 3)):
-        model = fit(characters[d], random_motion(characters[d], frames=2), TINY, steps=None)
+        motion = random_motion(characters[d], frames=2)
+        model = fit(characters[d], motion, MLP, steps=None)
         assert model.method.steps == len(model.history) == 1000 + 100 * bones
+        assert fit(characters[d], motion, TINY, steps=None).method.steps == 2000
 
 
 @pytest.mark.parametrize(("stop", "step"), [(REFRESH, REFRESH), (14, 10)])
