@@ -19,7 +19,7 @@ import numpy as np
 from nilbs.engine.compiled import compiled, in_pieces, set_threads, threads
 from nilbs.engine.distances import rest_distance
 from nilbs.engine.lattice import Images
-from nilbs.engine.search import PIECE, PosedSearch, SearchEngine, _kept, _starts
+from nilbs.engine.search import PIECE, PosedSearch, SearchEngine, find_starts, kept
 from nilbs.engine.sorted_points import SortedPoints
 from nilbs.engine.weights import transforms
 from nilbs.geometry.sampling import near_surface_samples, uniform_samples
@@ -33,7 +33,7 @@ COPIED = 2**28
 
 @compiled
 def _all_starts(points, begin, end, lattice, cells, room):  # type: ignore[no-untyped-def]
-    _starts(points, begin, end, lattice, cells, room)
+    find_starts(points, begin, end, lattice, cells, room)
 
 
 @compiled
@@ -69,7 +69,7 @@ def stages(model: Model, x: np.ndarray, B: np.ndarray) -> dict[str, Any]:
     engine, frame = model.engine(), model.posed(B).frame
     assert isinstance(engine, SearchEngine)
     posed: PosedSearch = engine(frame.B)
-    images = posed._images
+    images = posed.images_of_cells
     points = SortedPoints.of(x, frame.to_unit, images.low, images.high)
     answer = posed(x, frame.to_unit)
     looks = posed.evaluations
@@ -81,7 +81,7 @@ def stages(model: Model, x: np.ndarray, B: np.ndarray) -> dict[str, Any]:
     found = np.empty(len(x_rest), dtype=np.float32)
 
     def starts(begin: int, end: int) -> None:
-        _all_starts(points, begin, end, engine.lattice, images.cell, _kept.room)
+        _all_starts(points, begin, end, engine.lattice, images.cell, kept.room)
 
     def distances(begin: int, end: int) -> None:
         _all_distances(place, begin, end, engine.distances, found)

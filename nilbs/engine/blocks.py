@@ -24,6 +24,8 @@ Levels = Callable[[np.ndarray], np.ndarray]
 CELLS = 2
 # Blocks whose nodes are queried together, and that a thread takes at once.
 BATCH, PIECE = 2**15, 2**12
+# Two vectors whose angle has a smaller sine span no plane.
+DEGENERATE = 1e-10
 # The nodes of a block are bits, the last axis running fastest: those of all, and of its faces, by axis and side.
 NODES = 27
 _NODE = 1 << np.arange(NODES).reshape(3, 3, 3)
@@ -127,7 +129,15 @@ def _mark(U, F, reach, shape, marks):  # type: ignore[no-untyped-def]
             low[r] = max(math.ceil(max(least - reach, 0.0)), 0)
             high[r] = math.floor(min(most + reach, shape[r] - 1.0))
         edges = U[F[f, 1]] - U[F[f, 0]], U[F[f, 2]] - U[F[f, 1]], U[F[f, 0]] - U[F[f, 2]]
-        _unit_normal(edges[0], edges[1], normal)
+        if not _unit_normal(edges[0], edges[1], normal):
+            # Without area it lies in any plane through its longest edge.
+            longest = edges[0]
+            for e in range(1, 3):
+                if (edges[e] ** 2).sum() > (longest**2).sum():
+                    longest = edges[e]
+            x[:] = 0
+            x[np.argmin(np.abs(longest))] = 1
+            _unit_normal(longest, x, normal)
         for e in range(3):
             _unit_normal(edges[e], normal, beyond[e])
         # Along the axis nearest to the normal few places lie near the plane.
@@ -154,11 +164,14 @@ def _mark(U, F, reach, shape, marks):  # type: ignore[no-untyped-def]
 
 @inlined
 def _unit_normal(a, b, normal):  # type: ignore[no-untyped-def]
-    """Write the unit vector across two, or zero."""
+    """Write the unit vector across two, or zero if rounding decides on it; return whether it is not."""
     n0, n1, n2 = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     length = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-    f = 1 / length if length > 0 else 0.0
+    a_squared, b_squared = a[0] ** 2 + a[1] ** 2 + a[2] ** 2, b[0] ** 2 + b[1] ** 2 + b[2] ** 2
+    known = length > DEGENERATE * math.sqrt(a_squared * b_squared)
+    f = 1 / length if known else 0.0
     normal[0], normal[1], normal[2] = f * n0, f * n1, f * n2
+    return known
 
 
 @compiled

@@ -87,8 +87,10 @@ class Images(NamedTuple):
 
     @classmethod
     def of(cls, lattice: Lattice, B: np.ndarray) -> Self:
-        """The cells in a pose (b, 12)."""
+        """The cells in a pose (b, 12); a box around none is a point."""
         cells, corners = len(lattice.corner), len(lattice.node)
+        if not cells:
+            return cls(np.empty((0, 21), dtype=np.float32), *np.zeros((2, 3), dtype=np.float32))
         x, lanes = np.empty((corners, 1, 8), dtype=np.float32), columns(B)
         in_pieces(lambda begin, end: _pose(lattice, lanes, begin, end, x), corners, piece=PIECE)
         cell, boxes = np.empty((cells, 21), dtype=np.float32), np.empty((-(-cells // PIECE), 2, 8), dtype=np.float32)
@@ -189,7 +191,8 @@ def _pose(lattice, B, begin, end, x):  # type: ignore[no-untyped-def]
 def _images(lattice, x, begin, end, cell, boxes, part, found):  # type: ignore[no-untyped-def]
     """Write the box and the linear map of cells from their corners, and in boxes[part] the box of all."""
     low_of_all, high_of_all = spread(np.float32(np.inf)), spread(np.float32(-np.inf))
-    half, quarter, zero = spread(np.float32(0.5)), spread(np.float32(0.25)), spread(ZERO)
+    half, quarter, eighth = spread(np.float32(0.5)), spread(np.float32(0.25)), spread(np.float32(0.125))
+    zero = spread(ZERO)
     for c in range(begin, end):
         low = high = total = load(x, lattice.corner[c, 0], 0)
         along0 = along1 = along2 = zero - total
@@ -199,7 +202,7 @@ def _images(lattice, x, begin, end, cell, boxes, part, found):  # type: ignore[n
             along0 = along0 + v if j & 4 else along0 - v
             along1 = along1 + v if j & 2 else along1 - v
             along2 = along2 + v if j & 1 else along2 - v
-        center, e0, e1, e2 = half * quarter * total, quarter * along0, quarter * along1, quarter * along2
+        center, e0, e1, e2 = eighth * total, quarter * along0, quarter * along1, quarter * along2
         store(found, 0, 0, e0)
         store(found, 0, 1, e1)
         store(found, 0, 2, e2)

@@ -75,6 +75,8 @@ class PosedSearch:
 
     Attributes
     ----------
+    images_of_cells : Images
+        The lattice in the pose.
     queries, evaluations : int
         Points queried so far, and look-ups of the forward map for them.
     """
@@ -82,7 +84,7 @@ class PosedSearch:
     def __init__(self, engine: SearchEngine, B: np.ndarray) -> None:
         self.engine = engine
         pose = transforms(B)
-        self._images, self._B = Images.of(engine.lattice, pose), columns(counted(pose))
+        self.images_of_cells, self._B = Images.of(engine.lattice, pose), columns(counted(pose))
         self.queries = self.evaluations = 0
 
     def __call__(self, x: np.ndarray, to_unit: np.ndarray) -> Answer[np.ndarray]:
@@ -93,14 +95,14 @@ class PosedSearch:
         e, n = self.engine, len(x)
         distance = np.full(n, np.inf, dtype=np.float32)
         x_rest = np.full((n, 3), np.nan, dtype=np.float32)
-        points = SortedPoints.of(x, to_unit, self._images.low, self._images.high)
+        points = SortedPoints.of(x, to_unit, self.images_of_cells.low, self.images_of_cells.high)
         count = len(points.number)
         piece = min(max(-(-count // threads()), LEAST), PIECE)
-        looks, cells = np.zeros(-(-count // piece), dtype=np.int64), self._images.cell
+        looks, cells = np.zeros(-(-count // piece), dtype=np.int64), self.images_of_cells.cell
 
         def search(begin: int, end: int) -> None:
             looks[begin // piece] = _search(
-                points, begin, end, _kept.room, e.weights, e.distances, e.lattice, cells, self._B, distance, x_rest
+                points, begin, end, kept.room, e.weights, e.distances, e.lattice, cells, self._B, distance, x_rest
             )
 
         in_pieces(search, count, piece=piece)
@@ -116,7 +118,7 @@ class PosedSearch:
         weights = self.engine.weights
 
         def move(begin: int, end: int) -> None:
-            _images(place, begin, end, _kept.room.slots, weights, self._B, found)
+            _images(place, begin, end, kept.room.slots, weights, self._B, found)
 
         in_pieces(move, n, piece=PIECE)
         return found[:, :d]
@@ -147,7 +149,7 @@ class _Kept(threading.local):
         )
 
 
-_kept = _Kept()
+kept = _Kept()
 
 
 @compiled
@@ -162,7 +164,7 @@ def _images(place, begin, end, slots, weights, B, found):  # type: ignore[no-unt
 def _search(points, begin, end, room, weights, distances, lattice, cells, B, distance, x_rest):  # type: ignore[no-untyped-def]
     """Search the roots of points; write the smallest distance at one and where it is, and return the look-ups."""
     n = end - begin
-    _starts(points, begin, end, lattice, cells, room)
+    find_starts(points, begin, end, lattice, cells, room)
     count, cell, at, roots, slots = room.starts, room.cell, room.at, room.roots, room.slots
     looks = 0
     for s in range(n):
@@ -191,7 +193,7 @@ def _search(points, begin, end, room, weights, distances, lattice, cells, B, dis
 
 
 @inlined
-def _starts(points, begin, end, lattice, cells, room):  # type: ignore[no-untyped-def]
+def find_starts(points, begin, end, lattice, cells, room):  # type: ignore[no-untyped-def]
     """Write the cells whose images hold each point, the deepest first, with a rest place in each, and their number."""
     count, cell, depth, at, slots = room.starts, room.cell, room.depth, room.at, room.slots
     count[: end - begin] = 0

@@ -7,6 +7,8 @@ from nilbs.geometry.winding import winding_number as generalized
 
 # Points that a thread takes at once, and about how many triangles share a column of the grid across the rays.
 PIECE, SHARE = 16_384, 4
+# The most entries of columns, which long triangles across the whole surface would exceed: they are counted otherwise.
+MOST = 2**26
 
 
 def winding_number(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> np.ndarray:
@@ -31,6 +33,8 @@ def winding_number(V: np.ndarray, F: np.ndarray, x: np.ndarray) -> np.ndarray:
     first = np.zeros(shape.prod() + 2, dtype=np.int64)
     _fill(V, F, low, edge, shape, first, np.empty(0, dtype=np.int64))
     np.cumsum(first, out=first)
+    if first[-1] > MOST:
+        return generalized(V, F, x)
     triangles = np.empty(first[-1], dtype=np.int64)
     _fill(V, F, low, edge, shape, first, triangles)
     found = np.empty(len(x))
