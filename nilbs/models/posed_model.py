@@ -135,8 +135,9 @@ class PosedModel:
     def extract_on(self, grid: Grid, *, stride: int = 4, polish: bool = True) -> Surface:
         """Surface on a grid; with `stride` 1 the field is evaluated at every node.
 
-        Where the engine searches roots, vertices are within a millionth of the body's longest edge of the field's zero
-        set; without `polish`, and for other methods, they are where levels interpolated between nodes are zero.
+        Where the engine searches roots, vertices are within a millionth of the body's longest edge of a change of sign,
+        but for about one in a thousand, where levels jump or hardly change; without `polish`, and for other methods,
+        they are where levels interpolated between nodes are zero.
         """
         if not getattr(self._source, "near_skin", False):
             return field_surface(self._levels, grid, stride=stride)

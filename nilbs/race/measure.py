@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Callable, Mapping, Sequence
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -51,27 +52,32 @@ def times(
             turn(name)
             contestant = contestants[name]
             points = [contestant.points(scene.x) for scene in scenes]
-            pose = query = 0.0
             gc.collect()
             gc.disable()
             try:
-                if (together := getattr(contestant, "together", None)) is not None:
-                    start = perf_counter()
-                    together(np.array([scene.B for scene in scenes]), np.array(points))
-                    query = perf_counter() - start
-                    continue
-                for scene, x in zip(scenes, points, strict=True):
-                    start = perf_counter()
-                    contestant.pose(scene.B)
-                    posed = perf_counter()
-                    contestant.query(x)
-                    query += perf_counter() - posed
-                    pose += posed - start
+                pose, query = _spent(contestant, scenes, points)
             finally:
                 if collecting:
                     gc.enable()
-                spent[name].append((pose / len(scenes), query / len(scenes)))
+            spent[name].append((pose / len(scenes), query / len(scenes)))
     return {name: _medians(np.array(found)) for name, found in spent.items()}
+
+
+def _spent(contestant: Contestant, scenes: Sequence[Scene], points: Sequence[Any]) -> tuple[float, float]:
+    """Seconds that all poses and all queries take; of a contestant that takes them together, all are the query's."""
+    if (together := getattr(contestant, "together", None)) is not None:
+        start = perf_counter()
+        together(np.array([scene.B for scene in scenes]), np.array(points))
+        return 0.0, perf_counter() - start
+    pose = query = 0.0
+    for scene, x in zip(scenes, points, strict=True):
+        start = perf_counter()
+        contestant.pose(scene.B)
+        posed = perf_counter()
+        contestant.query(x)
+        query += perf_counter() - posed
+        pose += posed - start
+    return pose, query
 
 
 def _medians(found: np.ndarray) -> dict[str, float]:
