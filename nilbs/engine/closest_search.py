@@ -1,25 +1,29 @@
 """Closest places on the triangles of a tree that was fitted to a pose: `nilbs.engine.surface_tree` makes it.
 
+Points are sorted, and those that are close are searched as a group: boxes are opened for all of them at once.
+
 Boxes and triangles are compared in float32, and all triangles that may be closest are kept, by more than float32
 rounds; these are compared in float64. So the closest triangle is that of the smallest distance in float64, and among
 equals that of the smallest index, in whatever order boxes are opened.
 """
 
 from functools import partial
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from nilbs.engine.compiled import PROBLEM, allocating, compiled, in_pieces, inlined
+from nilbs.engine.triangle_distances import box_distances, closest_of_four, distances_of_box, squares_of_eight
 
 if PROBLEM is None:
-    from nilbs.engine.lanes import bits, both, choose, lane, larger, load, lowest, smaller, smallest, spread, store
-
-# Several numbers in one register; nilbs.engine.lanes has the type.
-Lanes = Any
+    from nilbs.engine.lanes import bits, lane, largest, load, lowest, smallest, spread, store
 
 # Points that a thread works on at a time.
 PIECE = 2048
+# Points that are searched together if they are close; as many as there are lanes.
+GROUP = 8
+# They are if the edge of their box is at most so many times that of a leaf's.
+APART = 2
 # By how much more than the smallest distance found that of a box or a triangle may be, against rounding; relative to
 # the size of the body and the point's distance.
 SLACK = 3e-6
@@ -27,7 +31,7 @@ SLACK = 3e-6
 TOO_FAR, FAR = 1e150, 1e18
 # More boxes than ever wait to be opened: seven a level, and levels grow eightfold. As many triangles may be closest
 # before they are compared.
-WAITING = 128
+WAITING = 256
 
 
 class ClosestPoints(NamedTuple):
@@ -72,7 +76,11 @@ class _Room(NamedTuple):
     squares: np.ndarray
     waiting: np.ndarray
     candidate_squares: np.ndarray
-    candidates: np.ndarray
+    candidates: np.ndarray  # (2, WAITING) points of the group with triangles
+    distance: np.ndarray  # (PIECE,) of each point, and its facet
+    facet: np.ndarray
+    here: np.ndarray  # (8, 3) a group's points
+    group: np.ndarray  # (1, 5, 8) their coordinates, the squares that others must not exceed, and the smallest
     four: np.ndarray  # points with triangles
     places: np.ndarray
     pairs: np.ndarray  # (2, 4) their numbers
@@ -80,9 +88,13 @@ class _Room(NamedTuple):
     @classmethod
     def new(cls) -> Self:
         """An empty one."""
-        squares, waiting = np.empty((2, WAITING), dtype=np.float32), np.empty((2, WAITING), dtype=np.int64)
-        places, pairs = np.empty((1, 3, 4)), np.empty((2, 4), dtype=np.int64)
-        return cls(squares[0], waiting[0], squares[1], waiting[1], np.zeros((1, 12, 4)), places, pairs)
+        squares, waiting = np.empty((2, WAITING), dtype=np.float32), np.empty((3, WAITING), dtype=np.int64)
+        group = np.zeros((1, 5, GROUP), dtype=np.float32)
+        group[0, 3] = -1  # nothing is near points that are no members
+        return cls(
+            squares[0], waiting[0], squares[1], waiting[1:], np.empty(PIECE), np.empty(PIECE, np.int64),
+            np.zeros((GROUP, 3)), group, np.zeros((1, 12, 4)), np.empty((1, 3, 4)), np.empty((2, 4), np.int64),
+        )  # fmt: skip
 
 
 def closest_places(fitted: Fitted, x: np.ndarray, *, within: float, coordinates: int) -> ClosestPoints:
@@ -93,13 +105,13 @@ def closest_places(fitted: Fitted, x: np.ndarray, *, within: float, coordinates:
         return ClosestPoints(np.full(n, np.inf), np.full(n, -1), nowhere, nowhere.copy())
     # About as many cells as points: more cost more than they save.
     power = min(max(-(-n.bit_length() // 3), 1), 6)
-    cells, order, there = np.empty(n, np.int32), np.empty(n, np.int64), np.empty((n, 3))
+    cells, order = np.empty(n, np.int32), np.empty(n, np.int32)
     in_pieces(partial(_cells, fitted.centre, fitted.scale, power, x, cells), n, piece=PIECE)
-    _order(fitted.centre, fitted.scale, x, cells, 8**power, order, there)
+    _order(cells, 8**power, order)
     found = ClosestPoints(np.empty(n), np.empty(n, np.int64), *np.empty((2, n, coordinates)))
 
     def search(begin: int, end: int) -> None:
-        _search(fitted, there, order, float(within), _Room.new(), found, begin, end)
+        _search(fitted, x, order[begin:end], float(within), _Room.new(), found)
 
     in_pieces(search, n, piece=PIECE)
     return found
@@ -125,92 +137,125 @@ def _cells(
 
 
 @allocating
-def _order(
-    centre: np.ndarray, scale: float, x: np.ndarray, cells: np.ndarray, count: int, order: np.ndarray, there: np.ndarray
-) -> None:
-    """Points in the order of their cells, and in units of half the box."""
-    d = x.shape[1]
-    first = np.zeros(count + 1, np.int64)
+def _order(cells: np.ndarray, count: int, order: np.ndarray) -> None:
+    """Write the points in the order of their cells."""
+    first = np.zeros(count + 1, np.int32)
     for cell in cells:
         first[cell + 1] += 1
     for k in range(count):
         first[k + 1] += first[k]
     for i, cell in enumerate(cells):
-        at = first[cell]
-        order[at] = i
+        order[first[cell]] = i
         first[cell] += 1
-        for r in range(3):
-            there[at, r] = (x[i, r] - centre[r]) * scale if r < d else 0.0
 
 
 @compiled
-def _search(
-    fitted: Fitted, x: np.ndarray, order: np.ndarray, within: float, room: _Room, found: ClosestPoints, begin: int,
-    end: int,
-) -> None:  # fmt: skip
+def _search(fitted: Fitted, x: np.ndarray, order: np.ndarray, within: float, room: _Room, found: ClosestPoints) -> None:
     """Closest places to points in this order; pairs of points and triangles are compared four at a time."""
-    pairs, four, candidates = room.pairs, room.four, room.candidates
     limit = within * fitted.scale
-    leaf, count = -1, 0
-    for j in range(begin, end):
+    leaf = count = 0
+    for first in range(0, len(order), GROUP):
+        members = 0
+        for k in range(min(GROUP, len(order) - first)):
+            i = order[first + k]
+            room.facet[first + k], room.distance[first + k] = -1, np.inf
+            for r in range(x.shape[1]):
+                room.here[k, r] = (x[i, r] - fitted.centre[r]) * fitted.scale
+            if abs(room.here[k, 0]) + abs(room.here[k, 1]) + abs(room.here[k, 2]) < TOO_FAR:  # a NaN is not less
+                members |= 1 << k
+                for r in range(3):
+                    # Not so large that its square overflows.
+                    room.group[0, r, k] = np.float32(min(max(room.here[k, r], -FAR), FAR))
+        together = _are_close(fitted, room.group, members, leaf)
+        while members:
+            group = members if together else members & -members
+            members ^= group
+            leaf, count = _search_group(fitted, order, limit, room, found, first, group, leaf, count)
+    _compare(fitted, order, room, count, limit, found)
+    for j in range(len(order)):
         i = order[j]
-        found.facet[i], found.distance[i] = -1, np.inf
-        X, Y, Z = x[j, 0], x[j, 1], x[j, 2]
-        waiting, best = 0, np.float32(limit * limit)
-        if abs(X) + abs(Y) + abs(Z) < TOO_FAR:  # a NaN is not less
-            waiting = 1
-            room.squares[0], room.waiting[0] = 0, 0
-            if leaf >= 0:
-                waiting = 2
-                room.squares[1], room.waiting[1] = 0, len(fitted.boxes) + leaf
-        first, opened = leaf, False
-        while waiting > 0:
-            # Until all boxes have been opened, or there is no room for more triangles.
-            waiting, kept, best, leaf = _open(fitted, X, Y, Z, best, first, opened, leaf, waiting, room)
-            opened = True
-            bound = _bound(best, abs(X) + abs(Y) + abs(Z))
-            for c in range(kept):
-                if room.candidate_squares[c] > bound:
-                    continue
-                slot = candidates[c]
-                pairs[0, count], pairs[1, count] = i, slot
-                for corner in range(3):
-                    vertex = fitted.corners[slot >> 3, corner, slot & 7]
-                    for r in range(3):
-                        four[0, 3 * corner + r, count] = fitted.vertices[vertex, r]
-                four[0, 9, count], four[0, 10, count], four[0, 11, count] = X, Y, Z
-                count += 1
-                if count == 4:
-                    _compare(fitted, room, 4, limit, found)
-                    count = 0
-    _compare(fitted, room, count, limit, found)
-    for j in range(begin, end):
-        i = order[j]
-        if found.facet[i] < 0:
+        found.distance[i], found.facet[i] = room.distance[j], room.facet[j]
+        if room.facet[j] < 0:
             for r in range(found.point.shape[1]):
                 found.point[i, r] = found.barycentric[i, r] = np.nan
 
 
 @inlined
-def _compare(fitted: Fitted, room: _Room, count: int, limit: float, found: ClosestPoints) -> None:
+def _are_close(fitted: Fitted, group: np.ndarray, members: int, leaf: int) -> bool:
+    """Whether members of a group of points lie in a box that is not much larger than that of a leaf."""
+    child = len(fitted.boxes) + leaf - fitted.offset
+    apart = size = np.float32(0)
+    for r in range(3):
+        low, high = np.float32(FAR), np.float32(-FAR)
+        for k in range(GROUP):
+            if (members >> k) & 1:
+                low, high = min(low, group[0, r, k]), max(high, group[0, r, k])
+        apart = max(apart, high - low)
+        size = max(size, fitted.boxes[child >> 3, r + 3, child & 7] - fitted.boxes[child >> 3, r, child & 7])
+    return bool(apart <= APART * size)
+
+
+@inlined
+def _search_group(
+    fitted: Fitted, order: np.ndarray, limit: float, room: _Room, found: ClosestPoints, first: int, members: int,
+    leaf: int, count: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Search the places of members, bits, of the group that begins at a point; `count` pairs wait to be compared."""
+    group, pairs, four, candidates = room.group, room.pairs, room.four, room.candidates
+    rest = members
+    while rest:
+        k = lowest(rest)
+        rest &= rest - 1
+        group[0, 4, k] = min(limit * limit, 3e38)
+        group[0, 3, k] = _bound(group[0, 4, k], _extent(group, k))
+    # The leaf that was closest before gives the first bounds.
+    room.squares[0], room.waiting[0] = 0, 0
+    room.squares[1], room.waiting[1] = 0, len(fitted.boxes) + leaf
+    start, opened, waiting = leaf, False, 2
+    while waiting > 0:
+        # Until all boxes have been opened, or there is no room for more triangles.
+        waiting, kept, leaf = _open(fitted, members, start, opened, leaf, waiting, room)
+        opened = True
+        for c in range(kept):
+            k, slot = candidates[0, c], candidates[1, c]
+            if room.candidate_squares[c] > group[0, 3, k]:
+                continue
+            pairs[0, count], pairs[1, count] = first + k, slot
+            for r in range(3):
+                four[0, 9 + r, count] = room.here[k, r]
+                for corner in range(3):
+                    four[0, 3 * corner + r, count] = fitted.vertices[fitted.corners[slot >> 3, corner, slot & 7], r]
+            count += 1
+            if count == 4:
+                _compare(fitted, order, room, 4, limit, found)
+                count = 0
+    while members:
+        group[0, 3, lowest(members)] = -1
+        members &= members - 1
+    return leaf, count
+
+
+@inlined
+def _compare(fitted: Fitted, order: np.ndarray, room: _Room, count: int, limit: float, found: ClosestPoints) -> None:
     """Write the places of pairs that are closer than what was found before, or as close and of a smaller index."""
     four, places, d = room.four, room.places, found.point.shape[1]
-    v, w, squared = _closest_of_four(four, 0, load(four, 0, 9), load(four, 0, 10), load(four, 0, 11))
+    v, w, squared = closest_of_four(four, 0, load(four, 0, 9), load(four, 0, 10), load(four, 0, 11))
     store(places, 0, 0, v)
     store(places, 0, 1, w)
     store(places, 0, 2, squared)
     for k in range(count):
-        i, slot = room.pairs[0, k], room.pairs[1, k]
+        j, slot = room.pairs[0, k], room.pairs[1, k]
         length, facet = np.sqrt(places[0, 2, k]), fitted.facets[slot >> 3, slot & 7]
         distance = length / fitted.scale
-        closer = distance < found.distance[i] or (distance == found.distance[i] and facet < found.facet[i])
+        closer = distance < room.distance[j] or (distance == room.distance[j] and facet < room.facet[j])
         if not (closer and length <= limit):
             continue
-        v_k, w_k = places[0, 0, k], places[0, 1, k]
-        u_k = 1 - v_k - w_k
-        found.distance[i], found.facet[i] = distance, facet
+        room.distance[j], room.facet[j] = distance, facet
         if d == 0:
             continue
+        i = order[j]
+        v_k, w_k = places[0, 0, k], places[0, 1, k]
+        u_k = 1 - v_k - w_k
         found.barycentric[i, 0] = u_k
         found.barycentric[i, 1] = v_k if d == 3 else v_k + w_k
         if d == 3:
@@ -222,26 +267,35 @@ def _compare(fitted: Fitted, room: _Room, count: int, limit: float, found: Close
 
 @inlined
 def _open(
-    fitted: Fitted, x: float, y: float, z: float, best: np.float32, first: int, opened: bool, leaf: int, count: int,
-    room: _Room,
-) -> tuple[int, int, np.float32, int]:  # fmt: skip
-    """Open waiting boxes, and write the triangles that may be closest to a point.
+    fitted: Fitted, members: int, start: int, opened: bool, leaf: int, count: int, room: _Room
+) -> tuple[int, int, int]:
+    """Open waiting boxes, and write the triangles that may be closest to members of a group of points.
 
-    Returns how many boxes wait still, how many triangles there are, the smallest squared distance, and its leaf. Leaf
-    `first`, which waits beside the root, is opened once only; it may have been `opened` before.
+    Returns how many boxes wait still, how many triangles there are, and the last leaf that held a closer one. Leaf
+    `start`, which waits beside the root, is opened once only; it may have been `opened` before.
     """
-    boxes, triangles, nodes = fitted.boxes, fitted.triangles, len(fitted.boxes)
-    squares, waiting, candidate_squares = room.squares, room.waiting, room.candidate_squares
-    X, Y, Z = _near(x), _near(y), _near(z)
-    furthest = abs(x) + abs(y) + abs(z)
-    bound, kept = _bound(best, furthest), 0
-    while count > 0 and kept <= WAITING - 8:
+    boxes, nodes = fitted.boxes, len(fitted.boxes)
+    squares, waiting, candidate_squares, group = room.squares, room.waiting, room.candidate_squares, room.group
+    kept = 0
+    X, Y, Z = load(group, 0, 0), load(group, 0, 1), load(group, 0, 2)
+    low = group[0, 0, lowest(members)], group[0, 1, lowest(members)], group[0, 2, lowest(members)]
+    high, rest = low, members
+    while rest:
+        k = lowest(rest)
+        rest &= rest - 1
+        x, y, z = group[0, 0, k], group[0, 1, k], group[0, 2, k]
+        low = min(low[0], x), min(low[1], y), min(low[2], z)
+        high = max(high[0], x), max(high[1], y), max(high[2], z)
+    low_x, low_y, low_z = spread(low[0]), spread(low[1]), spread(low[2])
+    high_x, high_y, high_z = spread(high[0]), spread(high[1]), spread(high[2])
+    bound = largest(load(group, 0, 3))
+    while count > 0 and kept <= WAITING - 8 * GROUP:
         count -= 1
         if squares[count] > bound:
             continue
         i = waiting[count]
         if i < nodes:
-            distances = _box_distances(boxes, i, X, Y, Z)
+            distances = box_distances(boxes, i, low_x, low_y, low_z, high_x, high_y, high_z)
             near = bits(distances <= spread(bound))
             lowest_place = count
             while near:
@@ -255,28 +309,36 @@ def _open(
                 count += 1
             continue
         i -= nodes
-        if i == first:
+        if i == start:
             if opened:
                 continue
             opened = True
-        squared = _squares_of_eight(triangles, i, X, Y, Z)
-        least = smallest(squared)
-        if least < best:
-            best, leaf = least, i
-            bound = _bound(best, furthest)
-        near = bits(squared <= spread(bound))
+        near = bits(distances_of_box(boxes, nodes + i - fitted.offset, X, Y, Z) <= load(group, 0, 3))
         while near:
-            k = lowest(near)
+            p = lowest(near)
             near &= near - 1
-            candidate_squares[kept], room.candidates[kept] = lane(squared, k), 8 * i + k
-            kept += 1
-    return count, kept, best, leaf
+            squared = squares_of_eight(
+                fitted.triangles, i, spread(group[0, 0, p]), spread(group[0, 1, p]), spread(group[0, 2, p])
+            )
+            least = smallest(squared)
+            if least < group[0, 4, p]:
+                group[0, 4, p], leaf = least, i
+                group[0, 3, p] = _bound(least, _extent(group, p))
+            below = bits(squared <= spread(group[0, 3, p]))
+            while below:
+                k = lowest(below)
+                below &= below - 1
+                candidate_squares[kept] = lane(squared, k)
+                room.candidates[0, kept], room.candidates[1, kept] = p, 8 * i + k
+                kept += 1
+        bound = largest(load(group, 0, 3))
+    return count, kept, leaf
 
 
 @inlined
-def _near(x: float) -> Lanes:
-    """A coordinate that is compared with boxes, not so large that its square overflows."""
-    return spread(np.float32(min(max(x, -FAR), FAR)))
+def _extent(group: np.ndarray, k: int) -> float:
+    """How far out a point of a group is."""
+    return abs(group[0, 0, k]) + abs(group[0, 1, k]) + abs(group[0, 2, k])
 
 
 @inlined
@@ -284,86 +346,3 @@ def _bound(squared: np.float32, furthest: float) -> np.float32:
     """A square that exceeds that of any box or triangle with a place as near as this, from a point this far out."""
     length = np.float64(np.sqrt(squared)) + SLACK * (1 + furthest)
     return np.float32(min(length * length + 1e-37, 3e38))
-
-
-@inlined
-def _box_distances(boxes: np.ndarray, i: int, x: Lanes, y: Lanes, z: Lanes) -> Lanes:
-    """Squared distances of a point from the boxes of eight children."""
-    zero = spread(np.float32(0))
-    a = larger(larger(load(boxes, i, 0) - x, x - load(boxes, i, 3)), zero)
-    b = larger(larger(load(boxes, i, 1) - y, y - load(boxes, i, 4)), zero)
-    c = larger(larger(load(boxes, i, 2) - z, z - load(boxes, i, 5)), zero)
-    return a * a + b * b + c * c
-
-
-@inlined
-def _squares_of_eight(t: np.ndarray, i: int, x: Lanes, y: Lanes, z: Lanes) -> Lanes:
-    """Squared distances of a point from eight triangles.
-
-    Inside a triangle it is the distance from its plane, outside that from an edge: near the border, where rounding
-    decides, the two differ by no more than rounding.
-    """
-    qx, qy, qz = x - load(t, i, 0), y - load(t, i, 1), z - load(t, i, 2)
-    ex, ey, ez = load(t, i, 3), load(t, i, 4), load(t, i, 5)
-    fx, fy, fz = load(t, i, 6), load(t, i, 7), load(t, i, 8)
-    v = _dot(qx, qy, qz, load(t, i, 9), load(t, i, 10), load(t, i, 11))
-    w = _dot(qx, qy, qz, load(t, i, 12), load(t, i, 13), load(t, i, 14))
-    off = _dot(qx, qy, qz, load(t, i, 15), load(t, i, 16), load(t, i, 17))
-    zero, one = spread(np.float32(0)), spread(np.float32(1))
-    inside = both(both(zero <= v, zero <= w), v + w <= one)
-    squared = _square_of_edge(qx, qy, qz, ex, ey, ez, load(t, i, 18))
-    squared = smaller(_square_of_edge(qx, qy, qz, fx, fy, fz, load(t, i, 19)), squared)
-    squared = smaller(_square_of_edge(qx - ex, qy - ey, qz - ez, fx - ex, fy - ey, fz - ez, load(t, i, 20)), squared)
-    return choose(inside, off * off, squared)
-
-
-@inlined
-def _square_of_edge(qx: Lanes, qy: Lanes, qz: Lanes, ex: Lanes, ey: Lanes, ez: Lanes, inverse: Lanes) -> Lanes:
-    """Squared distance of q from the places t e, 0 <= t <= 1."""
-    t = _dot(qx, qy, qz, ex, ey, ez) * inverse
-    t = smaller(larger(t, spread(np.float32(0))), spread(np.float32(1)))
-    rx, ry, rz = qx - t * ex, qy - t * ey, qz - t * ez
-    return _dot(rx, ry, rz, rx, ry, rz)
-
-
-@inlined
-def _closest_of_four(triangles: np.ndarray, i: int, x: Lanes, y: Lanes, z: Lanes) -> tuple[Lanes, Lanes, Lanes]:
-    """Closest place a + v (b - a) + w (c - a) of each of four triangles abc: v, w and the squared distance.
-
-    Every place that is compared lies on its triangle, so that a triangle without area is no special case: where the
-    division by its normal's square means nothing, one of its edges is closest.
-    """
-    ax, ay, az = load(triangles, i, 0), load(triangles, i, 1), load(triangles, i, 2)
-    ex, ey, ez = load(triangles, i, 3) - ax, load(triangles, i, 4) - ay, load(triangles, i, 5) - az
-    fx, fy, fz = load(triangles, i, 6) - ax, load(triangles, i, 7) - ay, load(triangles, i, 8) - az
-    qx, qy, qz = x - ax, y - ay, z - az
-    nx, ny, nz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
-    zero, one = spread(0.0), spread(1.0)
-    inverse = one / _dot(nx, ny, nz, nx, ny, nz)
-    v = inverse * _dot(qx, qy, qz, fy * nz - fz * ny, fz * nx - fx * nz, fx * ny - fy * nx)
-    w = inverse * _dot(qx, qy, qz, ny * ez - nz * ey, nz * ex - nx * ez, nx * ey - ny * ex)
-    rx, ry, rz = qx - v * ex - w * fx, qy - v * ey - w * fy, qz - v * ez - w * fz
-    squared = _dot(rx, ry, rz, rx, ry, rz)
-    t, other = _closest_of_edge(qx, qy, qz, ex, ey, ez)
-    keep = both(both(both(zero <= v, zero <= w), v + w <= one), squared <= other)
-    v, w, squared = choose(keep, v, t), choose(keep, w, zero), choose(keep, squared, other)
-    t, other = _closest_of_edge(qx, qy, qz, fx, fy, fz)
-    keep = squared <= other
-    v, w, squared = choose(keep, v, zero), choose(keep, w, t), choose(keep, squared, other)
-    t, other = _closest_of_edge(qx - ex, qy - ey, qz - ez, fx - ex, fy - ey, fz - ez)
-    keep = squared <= other
-    return choose(keep, v, one - t), choose(keep, w, t), choose(keep, squared, other)
-
-
-@inlined
-def _closest_of_edge(qx: Lanes, qy: Lanes, qz: Lanes, ex: Lanes, ey: Lanes, ez: Lanes) -> tuple[Lanes, Lanes]:
-    """Closest place t e, 0 <= t <= 1, to q, and the squared distance."""
-    t = _dot(qx, qy, qz, ex, ey, ez) / _dot(ex, ey, ez, ex, ey, ez)
-    t = smaller(larger(t, spread(0.0)), spread(1.0))
-    rx, ry, rz = qx - t * ex, qy - t * ey, qz - t * ez
-    return t, _dot(rx, ry, rz, rx, ry, rz)
-
-
-@inlined
-def _dot(ax: Lanes, ay: Lanes, az: Lanes, bx: Lanes, by: Lanes, bz: Lanes) -> Lanes:
-    return ax * bx + ay * by + az * bz

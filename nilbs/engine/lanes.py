@@ -145,20 +145,27 @@ def larger(typing: Any, a: Any, b: Any) -> Any:
     return a(a, b), code
 
 
-@intrinsic
-def smallest(typing: Any, a: Any) -> Any:
-    """The smallest of the numbers."""
+def _reduction(sign: str) -> Any:
+    @intrinsic
+    def reduced(typing: Any, a: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            value, half = args[0], a.count // 2
+            while half:
+                order = [(k + half) % a.count for k in range(a.count)]
+                turned = builder.shuffle_vector(
+                    value, value, ir.Constant(ir.VectorType(ir.IntType(32), a.count), order)
+                )
+                value = builder.select(builder.fcmp_ordered(sign, value, turned), value, turned)
+                half //= 2
+            return builder.extract_element(value, ir.Constant(ir.IntType(32), 0))
 
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        value, half = args[0], a.count // 2
-        while half:
-            order = [(k + half) % a.count for k in range(a.count)]
-            turned = builder.shuffle_vector(value, value, ir.Constant(ir.VectorType(ir.IntType(32), a.count), order))
-            value = builder.select(builder.fcmp_ordered("<", value, turned), value, turned)
-            half //= 2
-        return builder.extract_element(value, ir.Constant(ir.IntType(32), 0))
+        return a.kind(a), code
 
-    return a.kind(a), code
+    return reduced
+
+
+# Of the numbers of a register.
+smallest, largest = _reduction("<"), _reduction(">")
 
 
 @intrinsic
