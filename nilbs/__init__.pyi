@@ -8,6 +8,7 @@ from .characters.motion import random_motion as random_motion
 from .characters.saving import save_character as save_character
 from .geometry.rig_weights import solve_weights as solve_weights
 from .geometry.skeleton import Skeleton as Skeleton
+from .geometry.weight_transfer import transfer_weights as transfer_weights
 from .methods.registry import method_of as method_of
 from .models.evaluation import evaluate as evaluate
 from .models.fitting import fit as fit

@@ -39,6 +39,7 @@ from .skinning import linear_blend_skinning as linear_blend_skinning
 from .surface import Surface as Surface
 from .volume import boundary_facets as boundary_facets
 from .volume import element_volumes as element_volumes
+from .weight_transfer import transfer_weights as transfer_weights
 from .weights import bounded_biharmonic_weights as bounded_biharmonic_weights
 from .weights import simplex_projection as simplex_projection
 from .winding import occupancy as occupancy
