@@ -15,7 +15,7 @@ COMMANDS = {
     "demo": "train and score a field of a gingerbread man, and draw pictures",
     "info": "report what a mesh, rig, motion, weights or model file holds, and its problems",
     "convert": "convert meshes, rigs, weights and motions to other formats",
-    "weights": "solve for bounded biharmonic skinning weights",
+    "weights": "solve for bounded biharmonic skinning weights, or take those of another mesh",
     "train": "train a field on a rigged mesh and a motion",
     "query": "evaluate occupancy or signed distance of points in a pose",
     "extract": "extract the posed surface as a mesh",

@@ -155,6 +155,20 @@ def load_bundle(
     return fit_together(files, group=group, solve=solve, report=report)
 
 
+def load_mesh(paths: Sequence[str | Path], *, group: str | None = None, report: Report | None = None) -> Mesh:
+    """The mesh in files, whatever else they hold. Arguments as for `load_character`."""
+    report = report or silent
+    files = read_files(paths)
+    meshes = {path: Bundle(file.mesh, notes=file.notes) for path, file in files.items()}
+    mesh = fit_together(meshes, group=group, report=report).mesh
+    if mesh is None:
+        raise FileFormatError(" and ".join(files), "there is no mesh: give its file too")
+    for path, file in files.items():
+        if file.skeleton is not None or file.influences is not None or _moves(file):
+            report(f"{path}: only its mesh is used" if file.mesh else f"{path}: it is not used")
+    return mesh
+
+
 def fit_together(
     files: Mapping[str, Bundle], *, group: str | None = None, solve: bool = False, report: Report | None = None
 ) -> Bundle:
