@@ -120,7 +120,7 @@ def transfer_weights(
     # Triangles of the plane are a surface in space, whose closest place is the point itself where it is in one.
     V, V_source, flat = in_space(V), in_space(V_source), V.shape[1] == 2
     far, facet, place = closest_points(V_source, E_source, V)
-    W = facet_shares(V_source, E_source, place, facet) @ W_source
+    W = np.minimum(facet_shares(V_source, E_source, place, facet) @ W_source, 1)  # rounding may exceed it
     used, first, triangles = _welded(V, E)
     if not len(triangles):
         return TransferredWeights(W, np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), _notes(n, n, 0, 0))
