@@ -136,13 +136,13 @@ def transfer_weights(
     W_used[filled] = _filled(x / (size or 1.0), triangles, accepted, filled, W_used)
     # Every vertex of a triangle takes what its place has; others keep the weights of the closest point.
     known = first >= 0
-    W[known] = W_used[first[known]]
-    everywhere = [np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)]
-    for marks, found in zip(everywhere, (accepted, filled), strict=True):
-        marks[known] = found[first[known]]
-    left = n - int(everywhere[0].sum()) - int(everywhere[1].sum())
+    first = first[known]
+    W[known] = W_used[first]
+    marks = np.zeros((2, n), dtype=bool)
+    marks[:, known] = accepted[first], filled[first]
+    left = int((~marks.any(axis=0)).sum())
     lost = len(np.unique(piece[~(accepted | filled)]))
-    return TransferredWeights(W, everywhere[0], everywhere[1], _notes(n, left, lost, len(np.unique(piece))))
+    return TransferredWeights(W, marks[0], marks[1], _notes(n, left, lost, len(np.unique(piece))))
 
 
 def _notes(n: int, left: int, lost: int, pieces: int) -> tuple[str, ...]:
@@ -162,14 +162,19 @@ def _welded(V: np.ndarray, E: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nd
     Returns the vertices (u,) that stay, which of these stands for each vertex (n,), -1 where no triangle does, and
     triangles (t, 3), indices into (u,), without those that have two corners at one place.
     """
-    size = _diagonal(V[np.unique(E)]) or 1.0
     joined = np.arange(len(V))
-    joined[E] = seamless(np.round(V / (WELD * size)), E)
+    joined[E] = _joined(V, E)
     E = joined[E]
     used, triangles = np.unique(E[(np.diff(np.sort(E, axis=1), axis=1) > 0).all(axis=1)], return_inverse=True)
     rank = np.full(len(V), -1)
     rank[used] = np.arange(len(used))
     return used, rank[joined], triangles.reshape(-1, 3)
+
+
+def _joined(V: np.ndarray, E: np.ndarray) -> np.ndarray:
+    """Triangles that use one vertex at each place."""
+    size = _diagonal(V[np.unique(E)]) or 1.0
+    return seamless(np.round(V / (WELD * size)), E)
 
 
 def _diagonal(x: np.ndarray) -> float:
@@ -182,8 +187,7 @@ def _agreement(
 ) -> np.ndarray:  # fmt: skip
     """Cosine of the angle between the normals of vertices (u,) and of their closest points."""
     E, _ = coherent_orientation(x, E)
-    size = _diagonal(V_source) or 1.0
-    E_source, _ = coherent_orientation(V_source, seamless(np.round(V_source / (WELD * size)), E_source))
+    E_source, _ = coherent_orientation(V_source, _joined(V_source, E_source))
     smooth = _unit(facet_shares(V_source, E_source, place, facet) @ _vertex_normals(V_source, E_source))
     normal = _vertex_normals(x, E)
     cosine = np.stack([(normal * other).sum(axis=1) for other in (smooth, facet_normals(V_source, E_source)[facet])])

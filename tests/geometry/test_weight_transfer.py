@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from nilbs.geometry.plane import in_space
 from nilbs.geometry.weight_transfer import transfer_weights
 
 
@@ -46,6 +45,7 @@ def along_x(V):
 
 def assert_on_the_simplex(W):
     assert W.min() >= 0
+    assert W.max() <= 1
     np.testing.assert_allclose(W.sum(axis=1), 1, atol=1e-12)
 
 
@@ -81,22 +81,25 @@ def test_a_cube_with_more_vertices_takes_barycentric_weights(rng):
     found = transfer_weights(S2 @ S @ V, finer, V, E, W)
     assert found.accepted.all()
     np.testing.assert_allclose(found.W, S2 @ S @ W, atol=1e-9)
+    # A source that is cut along all edges has the same normals.
+    cut = transfer_weights(S2 @ S @ V, finer, V[E.ravel()], np.arange(36).reshape(-1, 3), W[E.ravel()])
+    assert cut.accepted.all()
+    np.testing.assert_allclose(cut.W, found.W, atol=1e-9)
 
 
-def test_the_fill_is_linear_where_the_matches_are():
-    """A flat strip under a step that is too far away in its middle: linear weights have no bilaplacian inside."""
-    V, E = sheet(33, 5)
-    V = in_space(V)
-    raised = V.copy()
-    raised[(V[:, 0] > 1) & (V[:, 0] < 3), 2] = 2.0
-    hole = np.flatnonzero(~((V[E][:, :, 0] > 0.9) & (V[E][:, :, 0] < 3.1)).any(axis=1))
-    found = transfer_weights(V, E, V, E[hole], along_x(V), distance=1e-6)
-    assert found.filled.sum() > 50
-    assert (found.accepted | found.filled).all()
-    assert np.abs(found.W - along_x(V)).max() < 0.03  # free boundaries at the sides bend it
-    far = np.abs(V[:, 0] - 2) < 0.1
-    nearest = transfer_weights(V[far], np.zeros((0, 3), int), V, E[hole], along_x(V))
-    assert np.abs(nearest.W - along_x(V[far])).max() > 0.2  # closest points alone stop at the hole
+@pytest.mark.parametrize(("edge", "slope"), [(0.25, 0.25), (0.3, 0.3), (0.9, 0.4), (0.3, 0.0)])
+def test_a_fill_between_straight_ends_is_a_cubic(edge, slope):
+    """A strip whose middle, 1 < x < 3, has no source; weights rise to `edge` on the left and fall on the right.
+
+    Minimal squared second derivatives give Hermite's cubic, which peaks in the middle at edge + 2 slope / 4.
+    """
+    V, E = sheet(65, 9)
+    share = edge - slope * np.where(V[:, 0] < 2, 1 - V[:, 0], V[:, 0] - 3)
+    ends = E[(V[E][:, :, 0] <= 1).all(axis=1) | (V[E][:, :, 0] >= 3).all(axis=1)]
+    found = transfer_weights(V, E, V, ends, np.stack([1 - share, share], axis=1).clip(0, 1), distance=1e-6)
+    np.testing.assert_array_equal(found.filled, (V[:, 0] > 1) & (V[:, 0] < 3))
+    assert_on_the_simplex(found.W)
+    np.testing.assert_allclose(found.W[V[:, 0] == 2, 1], min(edge + slope / 2, 1), atol=0.02)
 
 
 def test_a_cloth_of_two_layers_matches_with_both_sides():
@@ -171,12 +174,13 @@ def test_moving_scaling_and_turning_facets_change_nothing(d, rng, rigid):
     kept = E[V[E].mean(axis=1)[:, 0] < 2]
     W = rng.dirichlet(np.ones(3), size=len(V))
     before = transfer_weights(V, E, V, kept, W, distance=0.02)
+    source = np.where((rng.random(len(kept)) < 0.3)[:, None], kept[:, ::-1], kept)
     assert before.filled.any()
     move = rigid(d)
     x = 1000 * (V @ move[:d, :d].T + move[:d, d])
     some = rng.random(len(E)) < 0.3
     turned = np.where(some[:, None], E[:, ::-1], E)
-    after = transfer_weights(x, turned, x, kept, W, distance=0.02)
+    after = transfer_weights(x, turned, x, source, W, distance=0.02)
     np.testing.assert_array_equal(after.accepted, before.accepted)
     np.testing.assert_allclose(after.W, before.W, atol=1e-6)
 
