@@ -23,7 +23,6 @@ from pathlib import Path
 
 import nilbs
 from nilbs.figures import reconstruction_figure, training_figure
-from nilbs.geometry import interpolate_poses
 from nilbs.io.mesh import write_mesh
 
 HERE = Path(__file__).parent
@@ -53,9 +52,7 @@ def main() -> None:
 
     # 3. Extract the surface in a new pose, half-way between two training frames.
     k = len(motion) // 2
-    between = interpolate_poses(
-        character.skeleton.C, character.skeleton.BE, character.skeleton.P, motion[k - 1], motion[k], 0.5
-    )
+    between = motion.at(frame=k - 0.5)
     U, F = model.extract(between, resolution=args.resolution)
     write_mesh(args.out / "03_posed.obj", U, F)
     print(args.out / "03_posed.obj", f"{len(U)} vertices")

@@ -22,6 +22,39 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(7)
 
 
+@pytest.fixture(scope="session")
+def curve_value() -> Callable[..., np.ndarray]:
+    """One curve of one part at one time, as in appendix C of the glTF specification."""
+
+    def value(curve, part: str, t: float) -> np.ndarray:
+        times, values, interpolation = curve
+        keys = values[:, 1] if interpolation == "cubicspline" else values
+        if part == "rotation" and interpolation != "cubicspline":
+            keys = keys / np.linalg.norm(keys, axis=1, keepdims=True)
+        if t <= times[0]:
+            found = keys[0]
+        elif t >= times[-1]:
+            found = keys[-1]
+        else:
+            k = max(k for k in range(len(times)) if times[k] <= t)
+            h = times[k + 1] - times[k]
+            s = (t - times[k]) / h
+            if interpolation == "step":
+                found = keys[k]
+            elif interpolation == "cubicspline":
+                found = (2 * s**3 - 3 * s**2 + 1) * keys[k] + h * (s**3 - 2 * s**2 + s) * values[k, 2]
+                found = found + (-2 * s**3 + 3 * s**2) * keys[k + 1] + h * (s**3 - s**2) * values[k + 1, 0]
+            elif part == "rotation":
+                d = keys[k] @ keys[k + 1]
+                a = np.arccos(abs(d))
+                found = (np.sin(a * (1 - s)) * keys[k] + np.sign(d) * np.sin(a * s) * keys[k + 1]) / np.sin(a)
+            else:
+                found = (1 - s) * keys[k] + s * keys[k + 1]
+        return found / np.linalg.norm(found) if part == "rotation" else found
+
+    return value
+
+
 @pytest.fixture
 def coarse_volumes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Weights are solved quickly, in volumes of few elements."""

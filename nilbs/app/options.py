@@ -75,7 +75,7 @@ def add_pose(parser: argparse.ArgumentParser) -> None:
         "--time",
         type=not_negative,
         metavar="SECONDS",
-        help="time in that motion; poses between two frames are interpolated",
+        help="time in that motion, also between two frames; before the first and after the last the pose is theirs",
     )
 
 

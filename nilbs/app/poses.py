@@ -54,15 +54,15 @@ def check_motion_options(args: argparse.Namespace) -> None:
 
 
 def chosen_pose(model: "Model", args: argparse.Namespace) -> "np.ndarray":
-    """The pose (b, d+1, d+1) of a model at `--frame` or `--time`; an error names the motion without such a pose."""
+    """The pose (b, d+1, d+1) of a model at `--frame` or `--time`; an error names the motion without such a frame."""
     check_motion_options(args)
     motion = model.motion if args.motion is None else motion_of_file(args, model.character.skeleton)
     name = "the motion of the model" if args.motion is None else args.motion
     if args.time is not None:
-        try:
-            return motion.at(seconds=args.time)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from error
+        first, last = motion.times[[0, -1]]
+        if args.time > last + 1e-6:  # in single precision a file's times are a little less than they should be
+            print_note(f"{name} lasts from {first:g} to {last:g} s: the pose is that of its end")
+        return motion.at(seconds=args.time)
     if not args.frame < len(motion):
         raise ValueError(f"{name}: there is no frame {args.frame}; it has {len(motion)} frames, counted from 0")
     return motion[args.frame]

@@ -2,17 +2,18 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from nilbs.characters.report import Report
+from nilbs.geometry.curves import Curves
 from nilbs.geometry.kinematics import bone_order, forward_kinematics
 from nilbs.geometry.plane import transforms_in_plane
-from nilbs.geometry.retargeting import guess_bone_map, retarget
+from nilbs.geometry.retargeting import followed_bones, guess_bone_map, retarget
 from nilbs.geometry.skeleton import Skeleton
-from nilbs.geometry.validation import listed
+from nilbs.geometry.validation import arrays, listed
 from nilbs.io.bone_map import read_bone_map
 from nilbs.io.bundle import Clip
 from nilbs.io.errors import FileFormatError
@@ -22,6 +23,49 @@ BoneMap = Mapping[str, str | None] | str | os.PathLike
 
 FPS = 24  # frames a second of a motion without times
 _SAME_PLACE = 1e-4  # of the skeleton's size: joints that are nearer are the same
+
+
+@dataclass(frozen=True)
+class FollowedCurves:
+    """Poses over time of a skeleton that follows the curves of another one.
+
+    Attributes
+    ----------
+    source, target : Skeleton
+        Whose motion the curves are, and who follows it.
+    bone_map : mapping of str to str or None
+        As for `nilbs.geometry.retargeting.retarget`.
+    start : (b', d+1, d+1) float array
+        The source's pose in the first frame of its clip.
+    curves : Curves
+        Of the source's bones.
+    """
+
+    source: Skeleton
+    target: Skeleton
+    bone_map: Mapping[str, str | None]
+    start: np.ndarray
+    curves: Curves
+
+    def __post_init__(self) -> None:
+        d, b = self.source.d, len(self.source.BE)
+        (start,) = arrays(start=(self.start, f"{b} {d + 1} {d + 1}"))
+        object.__setattr__(self, "start", start)
+        followed_bones(self.source, self.target, self.bone_map)
+
+    @property
+    def key_times(self) -> np.ndarray:
+        """Those of the curves."""
+        return self.curves.key_times
+
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Transforms (t, b, d+1, d+1) of the target's bones at times (t,): the source's poses there, retargeted."""
+        B = np.concatenate([self.start[None], self.curves.at(times)])
+        return retarget(self.source, B, self.target, self.bone_map).B[1:]
+
+    def shifted(self, start: float, to: float) -> "FollowedCurves":
+        """The same, with what was at the time `start` at the time `to`."""
+        return replace(self, curves=self.curves.shifted(start, to))
 
 
 def own_clip(path: str | os.PathLike, skeleton: Skeleton) -> Clip:
@@ -89,21 +133,21 @@ def on_skeleton(
             reported.add(line)
             report(line)
 
-    return tuple(
-        replace(clip, skeleton=target, B=clip_transforms(Path(clip.file), clip, target, bone_map, once))
-        for clip in clips
-    )
+    return tuple(_on_skeleton(clip, target, bone_map, once) for clip in clips)
 
 
-def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap | None, report: Report) -> np.ndarray:
-    """Transforms (t, b, d+1, d+1) of the target's bones, which move as a clip does.
+def _on_skeleton(clip: Clip, target: Skeleton, bone_map: BoneMap | None, report: Report) -> Clip:
+    """A clip of the target's bones, which move as another clip does.
 
     `bone_map` names the bone of the clip that each bone of the target follows. By default they are the clip's own
-    transforms, where it has the target's names and joints; else the map is guessed. `path` is for errors and reports.
+    transforms and curves, where it has the target's names and joints; else the map is guessed.
     """
     if clip.skeleton is target:
-        return clip.B
-    source, B = clip.skeleton, clip.B
+        return clip
+    path, source, B, curves = Path(clip.file), clip.skeleton, clip.B, clip.curves
+    if isinstance(curves, FollowedCurves):
+        report(f"{path.name}: {clip.name!r} is of another skeleton already: it is linear between its frames")
+    curves = replace(curves, d=target.d) if isinstance(curves, Curves) else None
     if target.d == 2:
         try:
             source = source.in_plane()
@@ -113,7 +157,7 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
     own = _own_bones(source, target) if bone_map is None else None
     if own is not None:
         _check_finite(path, B[:, own], target)
-        return B[:, own]
+        return replace(clip, skeleton=target, B=B[:, own], curves=None if curves is None else curves.of_bones(own))
     if isinstance(bone_map, str | os.PathLike):
         bone_map = read_bone_map(bone_map)
     try:
@@ -128,7 +172,8 @@ def clip_transforms(path: Path, clip: Clip, target: Skeleton, bone_map: BoneMap 
     if moved.from_first.any():
         axes = " and ".join("xyz"[axis] for axis in np.flatnonzero(moved.from_first))
         report(f"{path.name}: starts far from its rest pose along {axes}; there it starts where the character stands")
-    return moved.B
+    followed = None if curves is None else FollowedCurves(source, target, guessed, B[0], curves)
+    return replace(clip, skeleton=target, B=moved.B, curves=followed)
 
 
 def bone_map_lines(source: Skeleton, target: Skeleton, bone_map: Mapping[str, str | None]) -> list[str]:

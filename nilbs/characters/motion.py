@@ -10,6 +10,7 @@ from nilbs.characters import AMPLITUDE, FRAMES
 from nilbs.characters.character import Character
 from nilbs.characters.clips import FPS, BoneMap, clips_named, on_skeleton, own_clip
 from nilbs.characters.report import Report, silent
+from nilbs.geometry.curves import PosesOverTime
 from nilbs.geometry.kinematics import (
     forward_kinematics,
     interpolate_poses,
@@ -55,6 +56,9 @@ class Motion:
     clips : tuple of (str, int)
         Name and first frame of each clip, in a motion of several that follow each other. No pose lies between the last
         frame of one and the first of the next.
+    curves : tuple of PosesOverTime or None
+        The poses at any time, as files hold them: of each clip, or of a motion that is not of several. Between frames
+        the poses are theirs.
 
     Raises
     ------
@@ -68,6 +72,7 @@ class Motion:
     times: np.ndarray = field(default_factory=_unknown)
     skeleton: Skeleton | None = None
     clips: tuple[tuple[str, int], ...] = ()
+    curves: tuple[PosesOverTime | None, ...] = ()
 
     def __post_init__(self) -> None:
         B, frames = arrays(B=(self.B, "t b d+1 d+1"), frames=(self.frames, "t", int))
@@ -84,6 +89,8 @@ class Motion:
         starts = [start for _, start in self.clips]
         if starts and (starts[0] != 0 or (np.diff([*starts, len(B)]) <= 0).any()):
             raise ValueError(f"clips must start one after the other from frame 0 of {len(B)}, got {starts}")
+        if self.curves and len(self.curves) != max(len(starts), 1):
+            raise ValueError(f"curves must be of each of {max(len(starts), 1)} clips, got {len(self.curves)}")
 
     def __len__(self) -> int:
         return len(self.B)
@@ -100,48 +107,75 @@ class Motion:
             raise IndexError(f"frame {k} does not exist: the motion has {len(self)} frames, counted from 0")
         return self.B[k]
 
-    def at(self, *, frame: float | None = None, seconds: float | None = None) -> np.ndarray:
+    def at(self, *, frame: float | np.ndarray | None = None, seconds: float | np.ndarray | None = None) -> np.ndarray:
         """Pose at a frame or a time, and between frames.
 
-        Between two frames local rotations are slerped and the roots' translation is linear, so that joints stay
-        together; transforms that the skeleton's rotations cannot make are taken bone by bone. After the last frame of
-        one clip that pose stays until the next clip starts.
+        Between two frames of a clip that a file holds, the pose is that of the file's curves at the time in between.
+        Between others local rotations are slerped, local translations and stretches are linear, so that joints stay
+        together; without a skeleton, bone by bone. After the last frame of one clip that pose stays until the next clip
+        starts, as that of the first frame does before its time, and of the last one after it.
 
         Parameters
         ----------
-        frame : float, optional
+        frame : float or array, optional
             `at(frame=2.5)` lies half-way between `self[2]` and `self[3]`.
-        seconds : float, optional
-            A time between the first and the last of `times`; give either this or `frame`.
+        seconds : float or array, optional
+            A time; give either this or `frame`.
 
         Returns
         -------
-        pose : (b, d+1, d+1) float array
+        pose : (..., b, d+1, d+1) float array
+            One pose, or as many as frames or times are given.
 
         Raises
         ------
         ValueError
-            If the motion has no such frame or time, or not exactly one is given.
+            If the motion has no such frame, a time is no number, or not exactly one of the two is given.
+
+        Examples
+        --------
+        >>> from nilbs.geometry.rotations import rigid_transforms
+        >>> motion = Motion(rigid_transforms(np.eye(2), [[[0, 0]], [[4, 0]]]), [0, 1], "moved", [0, 0.5])
+        >>> motion.at(frame=0.25)[0, :2, 2], motion.at(seconds=[0.25, 9.0])[:, 0, 0, 2]
+        (array([1., 0.]), array([2., 4.]))
         """
         if (frame is None) == (seconds is None):
             raise ValueError("give either frame or seconds")
-        last = len(self) - 1
-        if seconds is not None:
-            if not (last >= 0 and self.times[0] <= seconds <= self.times[last]):
-                span = f"lasts from {self.times[0]:g} to {self.times[last]:g} s" if last >= 0 else "has no frame"
-                raise ValueError(f"there is no pose at {seconds:g} s: the motion {span}")
+        if not len(self):
+            raise ValueError("the motion has no frame")
+        place = np.asarray(seconds if frame is None else frame, dtype=np.float64)
+        shape, place, last = place.shape, place.ravel(), len(self) - 1
+        if frame is None:
+            if np.isnan(place).any():
+                raise ValueError("there is no pose at nan s")
+            at = np.clip(place, self.times[0], self.times[last])
             # The last frame that is not later: the next one is, so that their times differ.
-            k = int(np.searchsorted(self.times, seconds, side="right")) - 1
-            s = 0.0 if k == last else (seconds - self.times[k]) / (self.times[k + 1] - self.times[k])
+            k = np.searchsorted(self.times, at, side="right") - 1
+            h = self.times[np.minimum(k + 1, last)] - self.times[k]
+            s = (at - self.times[k]) / np.where(h > 0, h, 1.0)
         else:
-            if not 0 <= frame <= last:  # type: ignore[operator]
-                raise ValueError(f"there is no frame {frame:g}: the motion has {len(self)} frames, counted from 0")
-            k = int(frame)  # type: ignore[arg-type]
-            s = frame - k  # type: ignore[operator]
-        if s == 0 or k not in self.gaps():
-            return self.B[k]
+            bad = ~((place >= 0) & (place <= last))
+            if bad.any():
+                there = f"the motion has {len(self)} frames, counted from 0"
+                raise ValueError(f"there is no frame {place[bad][0]:g}: {there}")
+            k = place.astype(np.int64)
+            s = place - k
+            at = (1 - s) * self.times[k] + s * self.times[np.minimum(k + 1, last)]
+        pose = self.B[k]
+        between = (s > 0) & np.isin(k, self.gaps())
+        clip = np.searchsorted([start for _, start in self.clips[1:]], k, side="right")
+        for c in np.unique(clip[between]).tolist():
+            mine = between & (clip == c)
+            pose[mine] = self._between(c, k[mine], s[mine], at[mine])
+        return pose.reshape(*shape, *pose.shape[1:])
+
+    def _between(self, clip: int, k: np.ndarray, s: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Poses a fraction s (p,) of the way from frames k of a clip to the next ones."""
+        curves = self.curves[clip] if self.curves else None
+        if curves is not None:
+            return curves.at(times)
         if self.skeleton is None:
-            return interpolate_transforms(self.B[k], self.B[k + 1], s)
+            return interpolate_transforms(self.B[k], self.B[k + 1], s[:, None])
         return interpolate_poses(self.skeleton.C, self.skeleton.BE, self.skeleton.P, self.B[k], self.B[k + 1], s)
 
     def gaps(self) -> np.ndarray:
@@ -168,13 +202,14 @@ class Motion:
             return self
         chosen = np.unique(np.round(place).astype(np.int64))
         first = np.searchsorted(chosen, [start for _, start in self.clips])
-        clips = {int(k): name for (name, _), k in zip(self.clips, first, strict=True) if k < len(chosen)}
+        left = {int(k): clip for clip, k in enumerate(first) if k < len(chosen)}  # of those without a frame, none
         return replace(
             self,
             B=self.B[chosen],
             frames=self.frames[chosen],
             times=self.times[chosen],
-            clips=tuple((name, start) for start, name in clips.items()),
+            clips=tuple((self.clips[clip][0], start) for start, clip in left.items()),
+            curves=tuple(self.curves[clip] for clip in left.values()) if self.clips and self.curves else self.curves,
         )
 
     def rms_rotation(self, character: Character) -> float | None:
@@ -311,9 +346,10 @@ def motion_of_clips(
         alone = clip is None and sum(found.file == file for found in clips) == 1
         sources.append(Path(file).name if alone else ", ".join([Path(file).name, *names]))
     starts = np.cumsum([0, *(len(found.B) for found in chosen)]).tolist()
-    times, end = [chosen[0].times], chosen[0].times[-1]
+    times, curves, end = [chosen[0].times], [chosen[0].curves], chosen[0].times[-1]
     for found in chosen[1:]:
         times.append(found.times - found.times[0] + end)
+        curves.append(None if found.curves is None else found.curves.shifted(found.times[0], end))
         end = times[-1][-1]
     return Motion(
         np.concatenate([found.B for found in chosen]),
@@ -322,18 +358,29 @@ def motion_of_clips(
         np.concatenate(times),
         skeleton,
         tuple(zip((found.name for found in chosen), starts, strict=False)) if len(chosen) > 1 else (),
+        tuple(curves) if any(found.curves is not None for found in chosen) else (),
     )
 
 
 def clips_of(motion: Motion, skeleton: Skeleton) -> tuple[Clip, ...]:
-    """The clips of a motion as files hold them: in space, each with a name and times of its own."""
+    """The clips of a motion as files hold them: in space, each with a name and times of its own.
+
+    Those of which all frames are there keep their curves.
+    """
     space, B = skeleton.in_space(), transforms_in_space(motion.B)
-    if not motion.clips:
-        source = Path(motion.source)
-        name = source.stem if source.suffix.lower() in MOTIONS else motion.source  # it may end in a number with a point
-        return (Clip(name, space, motion.times, B),)
-    ends = [start for _, start in motion.clips[1:]] + [len(motion)]
-    return tuple(
-        Clip(name, space, motion.times[start:end] - motion.times[start], B[start:end])
-        for (name, start), end in zip(motion.clips, ends, strict=True)
-    )
+    source = Path(motion.source)
+    # A name that is no file's may end in a number with a point.
+    alone = source.stem if source.suffix.lower() in MOTIONS else motion.source
+    names, starts = zip(*(motion.clips or ((alone, 0),)), strict=True)
+    found = []
+    for name, start, end, curves in zip(
+        names, starts, [*starts[1:], len(motion)], motion.curves or [None] * len(names), strict=True
+    ):
+        times = motion.times[start:end]
+        if curves is not None and not np.isin(curves.key_times, times).all():
+            curves = None
+        if motion.clips:
+            curves = None if curves is None else curves.shifted(times[0], 0.0)
+            times = times - times[0]
+        found.append(Clip(name, space, times, B[start:end], curves=curves))
+    return tuple(found)

@@ -9,10 +9,11 @@ import numpy as np
 
 from nilbs.geometry.rotations import (
     interpolate_transforms,
+    linear_inverses,
     rigid_transforms,
     rotation_matrices,
     rotation_vectors,
-    slerp,
+    transform_points,
 )
 from nilbs.geometry.validation import arrays, check_indices
 
@@ -136,12 +137,43 @@ def forward_kinematics(
     if root_translation is not None:
         (root_translation,) = arrays(root_translation=(root_translation, f"... {d}"))
         moved = moved + np.where((P < 0)[:, None], root_translation[..., None, :], 0.0)
-    B = rigid_transforms(A, moved)
-    level = _levels(P)
-    for depth in range(1, level.max(initial=0) + 1):
-        bones = np.flatnonzero(level == depth)
-        B[..., bones, :, :] = B[..., P[bones], :, :] @ B[..., bones, :, :]
-    return B
+    return composed(P, rigid_transforms(A, moved))
+
+
+def composed(P: np.ndarray, local: np.ndarray) -> np.ndarray:
+    """Products down the hierarchy of transforms (..., b, d+1, d+1) relative to the parent: relative to the world.
+
+    Examples
+    --------
+    >>> step = rigid_transforms(np.eye(2), [1, 0])
+    >>> composed(np.array([1, -1]), np.array([step, step]))[:, 0, 2]
+    array([2., 1.])
+    """
+    world, level = local.copy(), _levels(P)
+    ends = np.cumsum(np.bincount(level))
+    for bones in np.split(np.argsort(level, kind="stable"), ends[:-1])[1:]:
+        world[..., bones, :, :] = world[..., P[bones], :, :] @ world[..., bones, :, :]
+    return world
+
+
+def local_transforms(C: np.ndarray, BE: np.ndarray, P: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """Transforms (..., b, d+1, d+1) of posed rest frames relative to that of the parent, or to the world at a root.
+
+    B may scale bones and take joints apart. A parent that squeezes space flat has its pseudoinverse.
+
+    Examples
+    --------
+    >>> C, BE, P = np.array([[0.0, 0], [1, 0]]), np.array([[0, 0], [1, 1]]), np.array([-1, 0])
+    >>> local_transforms(C, BE, P, np.array([2 * np.eye(3)] * 2) / [[[1], [1], [2]]])[:, 0].tolist()
+    [[2.0, 0.0, 0.0], [1.0, 0.0, 1.0]]
+    """
+    d, start = C.shape[1], C[BE[:, 0]]
+    A = B[..., :d, :d]
+    place = (A @ start[:, :, None])[..., 0] + B[..., :d, d]
+    root = P < 0
+    back = np.where(root[:, None, None], np.eye(d), linear_inverses(A[..., P, :, :]))
+    away = place - np.where(root[:, None], 0.0, place[..., P, :])
+    return rigid_transforms(back @ A, (back @ away[..., None])[..., 0])
 
 
 def local_rotations(C: np.ndarray, BE: np.ndarray, P: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -197,7 +229,7 @@ def local_rotations(C: np.ndarray, BE: np.ndarray, P: np.ndarray, B: np.ndarray)
 
 
 def interpolate_poses(
-    C: np.ndarray, BE: np.ndarray, P: np.ndarray, B0: np.ndarray, B1: np.ndarray, s: float
+    C: np.ndarray, BE: np.ndarray, P: np.ndarray, B0: np.ndarray, B1: np.ndarray, s: float | np.ndarray
 ) -> np.ndarray:
     """Poses a fraction s of the way from one pose to another.
 
@@ -207,7 +239,7 @@ def interpolate_poses(
         Joints at rest, in mesh units; bones, indices into C; parent bones, -1 at a root.
     B0, B1 : (..., b, d+1, d+1) float array
         Poses, rest to posed.
-    s : float
+    s : float or (...) float array
         0 gives B0, 1 gives B1.
 
     Returns
@@ -222,9 +254,9 @@ def interpolate_poses(
 
     Notes
     -----
-    Where both poses are ones that the skeleton can take, local rotations are slerped and the root translation is
-    linear, recomposed down the hierarchy, so that joints stay together. Other transforms are taken bone by bone, by
-    `nilbs.geometry.rotations.interpolate_transforms`.
+    Relative to its parent a bone is turned, stretched and moved: rotations, those of the polar decomposition, are
+    slerped, stretches and translations are linear, recomposed down the hierarchy. So joints that are together in both
+    poses stay together.
 
     Examples
     --------
@@ -237,13 +269,9 @@ def interpolate_poses(
     d, b = C.shape[1], len(BE)
     B0, B1 = arrays(B0=(B0, f"... {b} {d + 1} {d + 1}"), B1=(B1, f"... {b} {d + 1} {d + 1}"))
     bone_order(P)
-    try:
-        theta0, move0 = local_rotations(C, BE, P, B0)
-        theta1, move1 = local_rotations(C, BE, P, B1)
-    except ValueError:
-        return interpolate_transforms(B0, B1, s)
-    theta = rotation_vectors(slerp(rotation_matrices(theta0), rotation_matrices(theta1), s))
-    return forward_kinematics(C, BE, P, theta, root_translation=(1 - s) * move0 + s * move1)
+    local0, local1 = (local_transforms(C, BE, P, B) for B in (B0, B1))
+    G = composed(P, interpolate_transforms(local0, local1, np.asarray(s)[..., None]))
+    return rigid_transforms(G[..., :d, :d], transform_points(G, -C[BE[:, 0]]))
 
 
 def random_rotations(P: np.ndarray, d: int, n: int, *, std: float, rng: np.random.Generator) -> np.ndarray:

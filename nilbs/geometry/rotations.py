@@ -166,14 +166,14 @@ def nearest_rotations(A: np.ndarray) -> np.ndarray:
     return left @ right
 
 
-def slerp(R0: np.ndarray, R1: np.ndarray, s: float) -> np.ndarray:
+def slerp(R0: np.ndarray, R1: np.ndarray, s: float | np.ndarray) -> np.ndarray:
     """Rotations a fraction s of the way from R0 to R1, at constant angular speed.
 
     Parameters
     ----------
     R0, R1 : (..., d, d) float array
         Rotations.
-    s : float
+    s : float or (...) float array
         0 gives R0, 1 gives R1.
 
     Returns
@@ -201,11 +201,11 @@ def slerp(R0: np.ndarray, R1: np.ndarray, s: float) -> np.ndarray:
     array([0.5])
     """
     R0, R1 = arrays(R0=(R0, "... d d"), R1=(R1, "... d d"))
-    return R0 @ rotation_matrices(s * rotation_vectors(np.swapaxes(R0, -1, -2) @ R1))
+    return R0 @ rotation_matrices(np.asarray(s)[..., None] * rotation_vectors(np.swapaxes(R0, -1, -2) @ R1))
 
 
-def interpolate_transforms(B0: np.ndarray, B1: np.ndarray, s: float) -> np.ndarray:
-    """Transforms a fraction s of the way from B0 to B1, each on its own.
+def interpolate_transforms(B0: np.ndarray, B1: np.ndarray, s: float | np.ndarray) -> np.ndarray:
+    """Transforms (..., d+1, d+1) a fraction s, or (...), of the way from B0 to B1, each on its own.
 
     The rotation of the polar decomposition is slerped; the stretch and the translation are linear.
 
@@ -220,8 +220,25 @@ def interpolate_transforms(B0: np.ndarray, B1: np.ndarray, s: float) -> np.ndarr
     d = B0.shape[-1] - 1
     R0, R1 = nearest_rotations(B0[..., :d, :d]), nearest_rotations(B1[..., :d, :d])
     stretch0, stretch1 = (np.swapaxes(R, -1, -2) @ B[..., :d, :d] for R, B in ((R0, B0), (R1, B1)))
-    linear = slerp(R0, R1, s) @ ((1 - s) * stretch0 + s * stretch1)
+    R, s = slerp(R0, R1, s), np.asarray(s)[..., None]
+    linear = R @ ((1 - s[..., None]) * stretch0 + s[..., None] * stretch1)
     return rigid_transforms(linear, (1 - s) * B0[..., :d, d] + s * B1[..., :d, d])
+
+
+def linear_inverses(A: np.ndarray) -> np.ndarray:
+    """Inverses of matrices (..., d, d); of what squeezes space flat, the pseudoinverse.
+
+    Examples
+    --------
+    >>> linear_inverses(np.array([[[2.0, 0], [0, 4]], [[2, 0], [0, 0]]])).tolist()
+    [[[0.5, 0.0], [0.0, 0.25]], [[0.5, 0.0], [0.0, 0.0]]]
+    """
+    largest = np.abs(A).max(axis=(-2, -1), initial=1e-100)
+    flat = np.abs(np.linalg.det(A / largest[..., None, None])) < 1e-12
+    inverse = np.linalg.inv(np.where(flat[..., None, None], np.eye(A.shape[-1]), A))
+    if flat.any():
+        inverse[flat] = np.linalg.pinv(A[flat])
+    return inverse
 
 
 def _cross_matrices(v: np.ndarray) -> np.ndarray:

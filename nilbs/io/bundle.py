@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nilbs.geometry.curves import PosesOverTime
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.errors import FileFormatError
 from nilbs.io.motion import LocalMotion
@@ -101,6 +102,9 @@ class Clip:
         Transforms of the skeleton's bones, rest to posed, in world coordinates.
     file : str
         Where it was read from.
+    curves : PosesOverTime, optional
+        The poses at any time, which are B at `times`; those of a flat character may be of the plane. Without them a
+        pose between two frames is interpolated.
     """
 
     name: str
@@ -108,6 +112,7 @@ class Clip:
     times: np.ndarray
     B: np.ndarray
     file: str = ""
+    curves: PosesOverTime | None = None
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nilbs.geometry.curves import LARGEST, curves_between
 from nilbs.geometry.rotations import rotation_matrices
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
@@ -62,12 +63,14 @@ def read_bvh(path: str | os.PathLike) -> Bundle:
             if joint.end is not None:
                 ends[j] = rest[j] + joint.end
         B, relative = _transforms(joints, motion, rest)
-    if not all(np.isfinite(array).all() for array in (rest, B, *ends.values())):
+    if not all((np.abs(array) < LARGEST).all() for array in (rest, B, *ends.values())):
         raise FileFormatError(path, "the joints are farther apart than numbers go")
     if relative:
         notes += ("positions of joints below the roots are near zero: they were added to the OFFSETs",)
     skeleton = skeleton_with_ends(rest, np.array([joint.parent for joint in joints]), names, ends)
-    clip = Clip(Path(path).stem, skeleton, seconds * np.arange(len(motion)), B)
+    s, times = skeleton, seconds * np.arange(len(motion))
+    curves = curves_between(s.C, s.BE, s.P, times, B) if seconds and len(times) else None
+    clip = Clip(Path(path).stem, skeleton, times, B, curves=curves)
     return Bundle(skeleton=skeleton, clips=(clip,), notes=notes)
 
 

@@ -21,9 +21,8 @@ def read_gltf(path: str | os.PathLike) -> Bundle:
 
     Buffers are read from the file, or from files beside it or in folders below. The mesh is all triangles of the file's
     scene, one primitive after the other, grouped by the names of their nodes and meshes; seams stay split. Bone j is
-    joint j of the first skin; other skins add those of their joints that are new. A clip has the union of the key times
-    of all channels that move a joint, where it is exact: steps, and cubic splines and joints between them, are linear
-    in between. Morph targets are left out.
+    joint j of the first skin; other skins add those of their joints that are new. A clip keeps the curves of all nodes
+    that move a joint; its frames stand at the union of their key times. Morph targets are left out.
 
     A skin poses a vertex v by the joints' transforms G_j(t) and inverse bind matrices IBM_j: sum_j w_j G_j(t) IBM_j v.
     The rest pose is the pose at binding, placed in the world by the skin's first root joint: with M = G_root(rest)

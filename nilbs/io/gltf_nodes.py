@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nilbs.geometry.curves import LARGEST
+from nilbs.geometry.quaternions import compose, unit_quaternions
 from nilbs.io.gltf_document import Document
 
-LARGEST = 1e60  # of a number in a transform, so that a product of a few stays finite
 _LIMIT = 2**17  # nodes; an empty one takes three bytes of the file, and some hundreds here
-_AT_REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
+AT_REST = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -49,38 +50,6 @@ class Nodes:
         return repr(self.names[node][:80]) if self.names[node] else f"node {node}"
 
 
-def compose(translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Matrices (..., 4, 4) of translations, unit quaternions (x, y, z, w) and scales, applied in reverse.
-
-    Examples
-    --------
-    >>> compose(np.array([1.0, 2, 3]), np.array([0.0, 0, 1, 0]), np.ones(3))[:3].tolist()
-    [[-1.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0]]
-    """
-    x, y, z, w = np.moveaxis(rotation, -1, 0)
-    R = np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)], -1),
-            np.stack([2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)], -1),
-            np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], -1),
-        ],
-        -2,
-    )
-    matrix = np.zeros((*np.broadcast_shapes(R.shape[:-2], translation.shape[:-1], scale.shape[:-1]), 4, 4))
-    matrix[..., :3, :3] = R * scale[..., None, :]
-    matrix[..., :3, 3] = translation
-    matrix[..., 3, 3] = 1
-    return matrix
-
-
-def unit_quaternions(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quaternions (..., 4) scaled to length one, and which of them have no length."""
-    largest = np.abs(q).max(axis=-1, keepdims=True)
-    zero = largest < 1e-100
-    q = q / np.where(zero, 1.0, largest)
-    return np.where(zero, 0.0, q / np.where(zero, 1.0, np.linalg.norm(q, axis=-1, keepdims=True))), zero[..., 0]
-
-
 def read_nodes(file: Document) -> Nodes:
     """The nodes of a file, checked: they form a forest of finite affine maps."""
     entries = file.entries("nodes")
@@ -88,7 +57,7 @@ def read_nodes(file: Document) -> Nodes:
     if n > _LIMIT:
         raise file.error(f"it has {n} nodes; at most {_LIMIT} are read")
     names = [file.text(entry, "name", f"node {i}") for i, entry in enumerate(entries)]
-    parts = {key: np.tile(default, (n, 1)) for key, default in _AT_REST.items()}
+    parts = {key: np.tile(default, (n, 1)) for key, default in AT_REST.items()}
     matrices = np.zeros((n, 4, 4))
     fixed = np.zeros(n, dtype=bool)
     for i, entry in enumerate(entries):

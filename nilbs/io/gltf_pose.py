@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nilbs.geometry.kinematics import bone_order
-from nilbs.geometry.rotations import nearest_rotations, rotation_vectors
-from nilbs.io.gltf_nodes import compose
+from nilbs.geometry.quaternions import compose, quaternions, without_jumps
+from nilbs.geometry.rotations import linear_inverses, nearest_rotations
 
-PARTS = ("translation", "rotation", "scale")
 _ROUNDS = 50  # of the alternation that finds the closest rotation and scale
 
 
@@ -26,13 +25,6 @@ class Track:
     off: np.ndarray
 
 
-def quaternions(R: np.ndarray) -> np.ndarray:
-    """Unit quaternions (..., 4), as x, y, z, w with w >= 0, of rotations (..., 3, 3)."""
-    theta = rotation_vectors(R)
-    half = np.linalg.norm(theta, axis=-1, keepdims=True) / 2
-    return np.concatenate([0.5 * np.sinc(half / np.pi) * theta, np.cos(half)], axis=-1)
-
-
 def rest_rotations(P: np.ndarray, motions: list[np.ndarray]) -> np.ndarray:
     """Axes (b, 3, 3), as columns, for the bones' rest frames along which their motions B (t, b, 4, 4) stretch them.
 
@@ -46,7 +38,7 @@ def rest_rotations(P: np.ndarray, motions: list[np.ndarray]) -> np.ndarray:
     for B in motions:
         L = B[..., :3, :3]
         above = np.where((P >= 0)[:, None, None], L[:, P], np.eye(3))
-        A = _inverses(above) @ L
+        A = linear_inverses(above) @ L
         stretch = np.swapaxes(A, -1, -2) @ A
         largest = np.abs(stretch).max(axis=(-2, -1), initial=1e-300)
         mixed = np.abs(stretch * (1 - np.eye(3))).max(axis=(-2, -1), initial=0) > 1e-6 * largest
@@ -72,37 +64,26 @@ def track(joints: np.ndarray, P: np.ndarray, Q: np.ndarray, B: np.ndarray, *, si
     made = np.zeros_like(G)  # the nodes' transforms as they are written
     shape = B.shape[:2]
     parts = {"translation": np.zeros((*shape, 3)), "rotation": np.zeros((*shape, 4)), "scale": np.zeros((*shape, 3))}
-    moved = {name: np.zeros(len(P)) for name in PARTS}
+    moved = {name: np.zeros(len(P)) for name in parts}
     for bone in bone_order(P).tolist():
         parent = P[bone]
         above = made[:, parent] if parent >= 0 else np.broadcast_to(np.eye(4), (len(B), 4, 4))
-        back = _inverses(above[:, :3, :3])
+        back = linear_inverses(above[:, :3, :3])
         translation = (back @ (G[:, bone, :3, 3] - above[:, :3, 3])[..., None])[..., 0]
         R, scale = _closest(back @ G[:, bone, :3, :3])
         q = quaternions(R)
         turn = Q[bone] if parent < 0 else Q[parent].T @ Q[bone]
         still = quaternions(turn)
-        start = np.concatenate([still[None], q])
-        q *= np.cumprod(np.where((start[1:] * start[:-1]).sum(axis=-1) < 0, -1.0, 1.0))[:, None]
+        q = without_jumps(np.concatenate([still[None], q]))[1:]
         stay = joints[bone] if parent < 0 else Q[parent].T @ (joints[bone] - joints[parent])
         made[:, bone] = above @ compose(translation, q, scale)
-        for name, values in zip(PARTS, (translation, q, scale), strict=True):
+        for name, values in (("translation", translation), ("rotation", q), ("scale", scale)):
             parts[name][:, bone] = values
         moved["translation"][bone] = np.abs(translation - stay).max(initial=0)
         moved["rotation"][bone] = np.minimum(*(np.abs(q - s * still).max(axis=-1) for s in (1, -1))).max(initial=0)
         moved["scale"][bone] = np.abs(scale - 1).max(initial=0)
     wrong = np.abs(made - G).max(axis=-2)
     return Track(parts, moved, np.maximum(wrong[..., :3].max(axis=-1) * size, wrong[..., 3]))
-
-
-def _inverses(A: np.ndarray) -> np.ndarray:
-    """Inverses (..., 3, 3); of what squeezes space flat, the pseudoinverse."""
-    largest = np.abs(A).max(axis=(-2, -1), initial=1e-100)
-    flat = np.abs(np.linalg.det(A / largest[..., None, None])) < 1e-12
-    inverse = np.linalg.inv(np.where(flat[..., None, None], np.eye(3), A))
-    if flat.any():
-        inverse[flat] = np.linalg.pinv(A[flat])
-    return inverse
 
 
 def _closest(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

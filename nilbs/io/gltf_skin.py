@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from nilbs.geometry.curves import LARGEST
 from nilbs.geometry.rotations import transform_points
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 from nilbs.io.gltf_document import Document
-from nilbs.io.gltf_nodes import LARGEST, Nodes
+from nilbs.io.gltf_nodes import Nodes
 from nilbs.io.names import unique_names
 
 _CLOSE = 1e-4  # relative: skins whose matrices agree so well were bound in the same pose

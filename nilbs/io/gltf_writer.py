@@ -8,14 +8,17 @@ from typing import Any
 
 import numpy as np
 
+from nilbs.geometry.curves import LINEAR, PARTS, SPLINE, Curve, Curves
 from nilbs.geometry.plane import in_space
+from nilbs.geometry.quaternions import compose, unit_quaternions
+from nilbs.geometry.rotations import transform_points
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, check_indices
 from nilbs.io.atomic import replacing
 from nilbs.io.bundle import Bundle, Clip, Influences
 from nilbs.io.errors import check_suffix
-from nilbs.io.gltf_pose import PARTS, Track, quaternions, rest_rotations, track
-from nilbs.io.joints import first_joints, written_ends
+from nilbs.io.gltf_curves import written_curves
+from nilbs.io.joints import written_ends
 
 _TYPES = {np.dtype("f4"): 5126, np.dtype("u4"): 5125, np.dtype("u2"): 5123, np.dtype("u1"): 5121}
 _KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -30,11 +33,11 @@ def write_gltf(path: str | os.PathLike, parts: Bundle) -> tuple[str, ...]:
     character gets z = 0; groups and notes are not written. A `.gltf` file holds its buffer as base64.
 
     Positions and motions are in single precision: where the character is far from the origin, all of it hangs on a node
-    that carries the distance, in double precision. A bone's node starts at its first joint with the axes of the world,
-    turned only where its motion stretches it along others. Where a bone ends is written as a node without mesh called
-    "<bone>_end", unless a reader finds the same end among the bone's children. A node moves by translation, rotation
-    and scale: every rigid motion and every stretch along a bone's own axes, if these stay the same. Of anything else
-    the closest is written, and the notes report how far off.
+    that carries the distance, in double precision. Clips with curves of the same nodes keep nodes, keys and
+    interpolation; see `nilbs.io.gltf_curves.written_curves` for all others. Where a bone ends is written as a node
+    without mesh called "<bone>_end", unless a reader finds the same end among the bone's children. A node moves by
+    translation, rotation and scale: every rigid motion and every stretch along a bone's own axes, if these stay the
+    same. Of anything else the closest is written, and the notes report how far off.
 
     References
     ----------
@@ -199,80 +202,72 @@ def _write_skeleton(
     notes: list[str],
 ) -> None:
     """Joints, their skin and animations, below a node that stands at the offset."""
-    joints = first_joints(skeleton) - offset
-    motions = [_motion(clip, skeleton, offset) for clip in clips]
-    Q = rest_rotations(skeleton.P, motions)
-    first = len(output.root["nodes"])
-    for bone, parent in enumerate(skeleton.P.tolist()):
-        turn = Q[bone] if parent < 0 else Q[parent].T @ Q[bone]
-        move = joints[bone] if parent < 0 else Q[parent].T @ (joints[bone] - joints[parent])
-        entry: dict[str, Any] = {"name": skeleton.names[bone], "translation": move.tolist(), "children": []}
-        if not np.array_equal(turn, np.eye(3)):
-            entry["rotation"] = quaternions(turn).tolist()
-        output.node(**entry)
-    nodes = output.root["nodes"]
-    for bone, parent in enumerate(skeleton.P.tolist()):
-        nodes[above if parent < 0 else first + parent]["children"].append(first + bone)
+    full = [clip for clip in clips if len(clip.times)]
+    notes += [f"clip {clip.name!r} has no frame and is left out" for clip in clips if not len(clip.times)]
+    tree, motions = written_curves(skeleton, full, offset, size, notes)
+    first, nodes = len(output.root["nodes"]), output.root["nodes"]
+    names = dict(zip(tree.bones.tolist(), skeleton.names, strict=True))
+    for node in range(len(tree.P)):
+        output.node(**({"name": names[node]} if node in names else {}), **_place_of(tree, node), children=[])
+    for node, parent in enumerate(tree.P.tolist()):
+        nodes[above if parent < 0 else first + parent]["children"].append(first + node)
     end, needed = written_ends(skeleton)
     # A bone without length has no end to write, though the reader may give it one.
     for bone in np.flatnonzero(needed & (skeleton.BE[:, 0] != skeleton.BE[:, 1])).tolist():
-        place = (Q[bone].T @ (end[bone] - offset - joints[bone])).tolist()
-        nodes[first + bone]["children"].append(output.node(name=f"{skeleton.names[bone]}_end", translation=place))
-    bind = np.tile(np.eye(4), (len(Q), 1, 1))
-    bind[:, :3, :3] = np.swapaxes(Q, 1, 2)
-    bind[:, :3, 3] = -(bind[:, :3, :3] @ joints[:, :, None])[..., 0]
-    matrices = output.accessor(np.swapaxes(bind, 1, 2).reshape(-1, 16).astype(np.float32))
-    numbers = list(range(first, first + len(Q)))
+        place = transform_points(tree.inverse[bone], end[bone] - offset).tolist()
+        number = output.node(name=f"{skeleton.names[bone]}_end", translation=place)
+        nodes[first + int(tree.bones[bone])]["children"].append(number)
+    matrices = output.accessor(np.swapaxes(tree.inverse, 1, 2).reshape(-1, 16).astype(np.float32))
+    numbers = (first + tree.bones).tolist()
     output.root["skins"] = [{"joints": numbers, "inverseBindMatrices": matrices, "skeleton": above}]
-    moves = [track(joints, skeleton.P, Q, B, size=size) for B in motions]
     # What one clip moves is written for all of them, so that none keeps what another left behind.
-    least = {"translation": 1e-7 * size, "rotation": 1e-7, "scale": 1e-7}
-    used = {(b, part) for part in PARTS for m in moves for b in np.flatnonzero(m.moved[part] > least[part]).tolist()}
-    for clip, move in zip(clips, moves, strict=True):
-        worst = int(np.argmax(move.off.max(axis=0, initial=0)))
-        off = float(move.off[:, worst].max(initial=0)) / size
-        if off > 1e-5:
-            notes.append(
-                f"clip {clip.name!r} shears bones, which glTF cannot hold: {skeleton.names[worst]!r} is off by up to "
-                f"{100 * off:.2g} % of the size"
-            )
-        _write_animation(output, clip, move, sorted(used) or [(0, "rotation")], first, notes)
+    used = {key for curves in motions for key in curves.curves()}
+    for curves in motions:
+        for part in PARTS:
+            differs = (getattr(curves, part) != getattr(tree, part)).any(axis=1)
+            used |= {(node, part) for node in np.flatnonzero(differs).tolist()}
+    for clip, curves in zip(full, motions, strict=True):
+        _write_animation(output, clip, curves, sorted(used) or [(0, "rotation")], first, notes)
 
 
-def _motion(clip: Clip, skeleton: Skeleton, offset: np.ndarray) -> np.ndarray:
-    """A clip's transforms, of a character that stands at the origin where it stood at the offset."""
-    b = len(skeleton.names)
-    _, B = arrays(times=(clip.times, "t"), B=(clip.B, f"t {b} 4 4"))
-    theirs, ours = map(first_joints, (clip.skeleton, skeleton))
-    if clip.skeleton.names != skeleton.names or not np.allclose(theirs, ours, rtol=1e-6, atol=1e-6 * np.ptp(ours)):
-        raise ValueError(f"clip {clip.name!r} belongs to another skeleton: map it onto this one first")
-    if not np.allclose(B[..., 3, :], [0, 0, 0, 1], rtol=0, atol=1e-9):
-        raise ValueError(f"clip {clip.name!r}: the last row of every transform must be (0, 0, 0, 1)")
-    B = B.copy()
-    B[..., :3, 3] += (B[..., :3, :3] @ offset) - offset
-    return B
+def _place_of(tree: Curves, node: int) -> dict[str, list[float]]:
+    """How the entry of a node places it at rest."""
+    parts = {part: getattr(tree, part)[node] for part in PARTS}
+    if not np.array_equal(tree.frame[node], np.eye(4)):
+        return {"matrix": (tree.frame[node] @ compose(**parts)).T.ravel().tolist()}
+    still = {"rotation": [0.0, 0.0, 0.0, 1.0], "scale": [1.0, 1.0, 1.0]}
+    return {part: value.tolist() for part, value in parts.items() if value.tolist() != still.get(part)}
 
 
 def _write_animation(
-    output: _Output, clip: Clip, move: Track, used: list[tuple[int, str]], first: int, notes: list[str]
+    output: _Output, clip: Clip, curves: Curves, used: list[tuple[int, str]], first: int, notes: list[str]
 ) -> None:
-    """Write one animation, of the parts of bones that are used."""
-    if not len(clip.times):
-        notes.append(f"clip {clip.name!r} has no frame and is left out")
-        return
+    """Write one animation, of the parts of nodes that are used; those that it does not move stay at rest."""
     early = min(float(clip.times[0]), 0.0)
     if early < 0:
         notes.append(f"clip {clip.name!r} starts at {early:.6g} s and is moved to 0 s")
-    times = (clip.times - early).astype(np.float32)
-    keep = np.append(np.diff(times) > 0, True)
-    if not keep.all():
-        notes.append(f"clip {clip.name!r}: of frames at the same time only the last is kept")
-    clock = output.accessor(times[keep, None], bounds=True)
+    own = curves.curves()
+    clocks: dict[bytes, int] = {}
     channels: list[dict[str, Any]] = []
     samplers: list[dict[str, Any]] = []
-    for bone, part in used:
-        values = output.accessor(move.parts[part][keep, bone].astype(np.float32))
-        channels.append({"sampler": len(samplers), "target": {"node": first + bone, "path": part}})
-        samplers.append({"input": clock, "output": values, "interpolation": "LINEAR"})
+    dropped = False
+    for node, part in used:
+        rest_times = np.asarray(clip.times[:1] if own else clip.times)
+        rest = Curve(rest_times, np.repeat(getattr(curves, part)[node : node + 1], len(rest_times), axis=0), LINEAR)
+        curve = own.get((node, part), rest)
+        times = (curve.times - early).astype(np.float32)
+        keep = np.append(np.diff(times) > 0, True)
+        dropped |= not keep.all()
+        times, values, interpolation = times[keep], curve.values[keep], curve.interpolation
+        if part == "rotation" and interpolation != SPLINE:
+            values, _ = unit_quaternions(values)
+        if times.tobytes() not in clocks:
+            clocks[times.tobytes()] = output.accessor(times[:, None], bounds=True)
+        written = output.accessor(values.reshape(-1, PARTS[part]).astype(np.float32))
+        channels.append({"sampler": len(samplers), "target": {"node": first + node, "path": part}})
+        sampler = {"input": clocks[times.tobytes()], "output": written, "interpolation": interpolation.upper()}
+        samplers.append(sampler)
+    if dropped:
+        notes.append(f"clip {clip.name!r}: of frames at the same time only the last is kept")
     animation = {"name": clip.name, "channels": channels, "samplers": samplers}
     output.root.setdefault("animations", []).append(animation)

@@ -13,7 +13,7 @@ from nilbs.characters.motion import Motion
 from nilbs.engine.surface_tree import SurfaceTree
 from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
-from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses, random_rotations
+from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 from nilbs.geometry.metrics import HIGHER_IS_BETTER, intersection_over_union, surface_scores
 from nilbs.geometry.sampling import near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
@@ -209,11 +209,7 @@ def evaluation_poses(character: Character, motion: Motion, name: str, *, seed: i
     if name == "interpolated":
         gaps = motion.gaps()
         gaps = gaps[np.round(np.linspace(0, len(gaps) - 1, min(POSES, len(gaps)))).astype(int)]
-        middles = [
-            interpolate_poses(c.skeleton.C, c.skeleton.BE, c.skeleton.P, motion.B[k], motion.B[k + 1], 0.5)
-            for k in gaps
-        ]
-        return np.array(middles).reshape(-1, *motion.B.shape[1:])
+        return motion.at(frame=gaps + 0.5)
     rng = np.random.default_rng([seed, _STREAM, _pose_stream(name)])
     return forward_kinematics(
         c.skeleton.C,

@@ -12,6 +12,7 @@ from nilbs.engine.rest_state import RestState, from_version_6
 from nilbs.geometry.validation import arrays
 from nilbs.methods.base import Method
 from nilbs.methods.registry import method_class, of_version_5, values_of
+from nilbs.models.stored_curves import restored_curves, stored_curves
 
 KIND, KIND_6, KIND_5 = "nilbs model 7", "nilbs model 6", "nilbs model 5"
 
@@ -35,12 +36,15 @@ def write_model_file(path: str | Path, parts: ModelParts) -> None:
     contents = {f"field.{name}": array for name, array in {**parameters, **rest.arrays}.items()}
     contents |= {f"character.{name}": array for name, array in c.arrays().items()}
     contents |= {f"motion.{name}": getattr(motion, name) for name in ("B", "frames", "times")}
+    curves, curve_texts = stored_curves(motion.curves)
+    contents |= {f"motion.curves.{name}": array for name, array in curves.items()}
     contents["history"] = history
     text = {
         "name": c.name,
         "bones": list(c.skeleton.names),
         "motion": motion.source,
         "clips": motion.clips,
+        "curves": curve_texts,
         "method": method.name,
         "settings": values_of(method),
         **rest.header,
@@ -59,7 +63,9 @@ def read_model_file(path: str | Path) -> ModelParts:
         character = Character.of_arrays(part, name=str(text["name"]), bones=list(map(str, text["bones"])))
         moved = [contents[f"motion.{name}"] for name in ("B", "frames", "times")]
         clips = tuple((str(name), int(start)) for name, start in text.get("clips", ()))
-        motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton, clips)
+        stored = {name[14:]: array for name, array in contents.items() if name.startswith("motion.curves.")}
+        curves = restored_curves(stored, text.get("curves", ()), character.skeleton)
+        motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton, clips, curves)
         settings = text["settings"]
         if settings.get("mapping") == "parts":  # before the default was the same
             settings["mapping"] = "search"

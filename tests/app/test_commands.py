@@ -135,10 +135,6 @@ def test_weights_as_a_table(assets, nilbs):
             "the motion of the model: there is no",
         ),
         (
-            ["query", "bar2.nilbs", "x2.npy", "--time", "9", "-o", "out/v.npy"],
-            "the motion of the model: there is no pose at 9 s: the motion lasts from 0 to 0.0833333 s",
-        ),
-        (
             ["query", "bar2.nilbs", "x2.npy", "--frame", "0", "--map", "m.json", "-o", "out/v.npy"],
             "--map is for the motion of a file",
         ),
@@ -470,6 +466,18 @@ def test_extract_at_a_time_between_frames(assets, succeeds, whole, out, d):
         assert np.abs(read_mesh(out / f"{seconds}.obj")[0] - U).max() <= 1e-4
     succeeds("extract", *files, "--frame", 1, "-o", out / "frame.obj")
     assert np.abs(read_mesh(out / "frame.obj")[0] - read_mesh(out / "0.1.obj")[0]).max() <= 1e-4
+
+
+def test_after_the_last_frame_the_pose_stays_and_a_line_reports_it(assets, nilbs, out):
+    np.save(out / "x.npy", np.random.default_rng(0).uniform(-1, 2, (200, 2)))
+    line = "nilbs: the motion of the model lasts from 0 to 0.0833333 s: the pose is that of its end\n"
+    for option, value, printed in (("frame", 2, ""), ("time", 9, line)):
+        words = ("query", assets / "bar2.nilbs", out / "x.npy", f"--{option}", value, "-o", out / f"{option}.npy")
+        status, _, err = nilbs(*words)
+        assert (status, err) == (0, printed)
+    inside = np.load(out / "time.npy")
+    np.testing.assert_array_equal(inside, np.load(out / "frame.npy"))
+    assert 0 < (inside > 0.5).sum() < 200
 
 
 def test_weights_of_a_group_of_one_file(assets, succeeds, out, bar):

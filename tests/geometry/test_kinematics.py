@@ -10,7 +10,13 @@ from nilbs.geometry.kinematics import (
     random_rotations,
     smooth_random_rotations,
 )
-from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
+from nilbs.geometry.rotations import (
+    interpolate_transforms,
+    rigid_transforms,
+    rotation_matrices,
+    rotation_vectors,
+    transform_points,
+)
 
 # A trunk (0), a limb of three bones (1, 2, 4) and a limb of one (3); the child 1 comes before its parent 2.
 BE = np.array([[0, 1], [2, 3], [1, 2], [1, 4], [3, 5]])
@@ -247,21 +253,60 @@ def test_poses_between_turn_at_constant_speed_and_hold_together(d: int, rng: np.
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_poses_without_a_hierarchy_go_bone_by_bone(d: int, rng: np.random.Generator) -> None:
+def test_poses_between_are_local_as_in_loops(d: int, rng: np.random.Generator) -> None:
+    """Bones that are turned, stretched and moved from their parents, at several fractions at once."""
     C = joints(d, rng)
-    theta, stretch = rotations(d, 2, rng), np.diag([1.5, 0.5, 2.0][:d])
+    parts = {
+        "theta": rotations(d, 8, rng).reshape(2, 4, len(P), -1),
+        "translation": rng.normal(size=(2, 4, len(P), d)),
+        "scale": rng.uniform(0.5, 2, (2, 4, len(P), d)),
+    }
+    B0, B1 = (forward_kinematics(C, BE, P, **{name: part[k] for name, part in parts.items()}) for k in (0, 1))
+    s = rng.random(4)
+    found = interpolate_poses(C, BE, P, B0, B1, s)
+    for frame in range(4):
+        expected: dict[int, np.ndarray] = {}
+        for bone in bone_order(P).tolist():
+            theta, move, scale = (
+                (1 - s[frame]) * p[0, frame, bone] + s[frame] * p[1, frame, bone] for p in parts.values()
+            )
+            R0, R1 = (rotation_matrices(parts["theta"][k, frame, bone]) for k in (0, 1))
+            if d == 3:
+                theta = rotation_vectors(R0 @ rotation_matrices(s[frame] * rotation_vectors(R0.T @ R1)))
+            c = C[BE[bone, 0]]
+            A = rotation_matrices(theta) @ np.diag(scale)
+            local = rigid_transforms(A, c + move - A @ c)
+            expected[bone] = local if P[bone] < 0 else expected[P[bone]] @ local
+        np.testing.assert_allclose(found[frame], [expected[bone] for bone in range(len(P))], atol=1e-9)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_poses_in_single_precision_stay_together(d: int, rng: np.random.Generator) -> None:
+    C = joints(d, rng)
+    B0, B1 = forward_kinematics(C, BE, P, rotations(d, 2, rng)).astype(np.float32).astype(float)
+    B0[:, :d, :d] *= 1 + 3e-6
+    B = interpolate_poses(C, BE, P, B0, B1, 0.5)
+    below = np.flatnonzero(P >= 0)
+    joint = C[BE[below, 0]]
+    apart = transform_points(B[below], joint) - transform_points(B[P[below]], joint)
+    assert np.abs(apart).max() < 1e-5
+
+
+def test_a_parent_that_shrinks_to_nothing_takes_its_children_along(rng: np.random.Generator) -> None:
+    C, scale = joints(3, rng), np.ones((2, len(P), 3))
+    scale[1, 0] = 0
+    B0, B1 = forward_kinematics(C, BE, P, rotations(3, 2, rng), scale=scale)
+    np.testing.assert_allclose(interpolate_poses(C, BE, P, B0, B1, 1.0), B1, atol=1e-12)
+    assert np.isfinite(interpolate_poses(C, BE, P, B0, B1, 0.5)).all()
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_transforms_without_a_hierarchy_go_one_by_one(d: int, rng: np.random.Generator) -> None:
+    theta, stretch = 0.3 * rotations(d, 1, rng)[0], np.diag([1.5, 0.5, 2.0][:d])
     t = rng.normal(size=(2, len(P), d))
-    B0, B1 = rigid_transforms(rotation_matrices(theta) @ stretch, t)
-    # Each bone turns alone about one axis, so the half-way rotation is short.
-    theta[1] = 3 * theta[0]
-    B1[:, :d, :d] = rotation_matrices(theta[1]) @ stretch
-    half = interpolate_poses(C, BE, P, B0, B1, 0.5)
-    expected = rigid_transforms(rotation_matrices(2 * theta[0]) @ stretch, t.mean(axis=0))
-    if d == 3:  # the closed form holds if three times the rotation is less than half a turn
-        short = np.linalg.norm(theta[1] - theta[0], axis=1) < np.pi
-        half, expected = half[short], expected[short]
-    assert len(half)
-    np.testing.assert_allclose(half, expected, atol=1e-12)
+    B0, B1 = (rigid_transforms(rotation_matrices(k * theta) @ stretch, t[k // 3]) for k in (1, 3))
+    half = rigid_transforms(rotation_matrices(2 * theta) @ stretch, t.mean(axis=0))
+    np.testing.assert_allclose(interpolate_transforms(B0, B1, 0.5), half, atol=1e-12)
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -55,7 +55,6 @@ def test_a_skin_at_rest_and_moved_as_in_the_specification(character, tmp_path, r
     assert clip.name == "wave"
     assert clip.times.tolist() == [0, 0.5, 1, 2]
     assert not any("binding" in note for note in parts.notes)
-    assert any("steps" in note for note in parts.notes)
     given = [
         {3: {"rotation": turns[0]}, 0: {"translation": moves[0]}, 2: {"scale": [1, 1, 1]}},
         {3: {"rotation": turns[1]}, 0: {"translation": moves[0]}, 2: {"scale": [1, 1, 1]}},
