@@ -15,7 +15,7 @@ from nilbs.geometry.validation import arrays, check_indices
 PARTS = {"translation": 3, "rotation": 4, "scale": 3}
 STEP, LINEAR, SPLINE = "step", "linear", "cubicspline"
 LARGEST = 1e60  # of a number in a transform, so that a product of a few stays finite
-_BLOCK = 2**15  # transforms of nodes that are held at a time
+_BLOCK = 2**18  # transforms of nodes that are held at a time
 _ROUNDING = 1e-12  # of the largest number: what changes less does not move
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from nilbs.geometry.quaternions import quaternions
 from nilbs.geometry.validation import arrays
 
 
@@ -66,12 +67,7 @@ def rotation_vectors(R: np.ndarray) -> np.ndarray:
 
     Notes
     -----
-    In space by way of the unit quaternion, taken from the largest of its four components (Shepperd's method [1]_), so
-    that neither a tiny angle nor one near pi loses digits.
-
-    References
-    ----------
-    .. [1] Shepperd, Quaternion from rotation matrix, Journal of Guidance and Control, 1978, doi:10.2514/3.55767b.
+    In space by way of the unit quaternion, so that neither a tiny angle nor one near pi loses digits.
 
     Examples
     --------
@@ -81,13 +77,12 @@ def rotation_vectors(R: np.ndarray) -> np.ndarray:
     (R,) = arrays(R=(R, "... d d"))
     if R.shape[-1] == 2:
         return np.arctan2(R[..., 1, 0] - R[..., 0, 1], R[..., 0, 0] + R[..., 1, 1])[..., None]
-    q = _quaternions(R)
-    q = np.where(q[..., :1] < 0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, q[..., :1])
+    q = quaternions(R)
+    sine = np.linalg.norm(q[..., :3], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, q[..., 3:])
     # angle / sine tends to 2 where the sine vanishes, because q then holds half of the rotation vector.
     scale = np.divide(angle, sine, out=np.full_like(angle, 2.0), where=sine > 1e-150)
-    return scale * q[..., 1:]
+    return scale * q[..., :3]
 
 
 def rigid_transforms(R: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -245,18 +240,3 @@ def _cross_matrices(v: np.ndarray) -> np.ndarray:
     K = np.zeros((*v.shape[:-1], 3, 3))
     K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
     return K - np.swapaxes(K, -1, -2)
-
-
-def _quaternions(R: np.ndarray) -> np.ndarray:
-    """Unit quaternions (w, x, y, z) of rotations, up to sign."""
-    trace = np.trace(R, axis1=-2, axis2=-1)
-    i, j, k = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    # Row c of Q is 4 q_c q: the row with the largest diagonal is the one to normalise.
-    Q = np.empty((*R.shape[:-2], 4, 4))
-    Q[..., 0, 0], Q[..., 1, 1], Q[..., 2, 2], Q[..., 3, 3] = 1 + trace, 1 + i - j - k, 1 - i + j - k, 1 - i - j + k
-    for a, b, c in ((1, 2, 3), (2, 3, 1), (3, 1, 2)):
-        Q[..., 0, a] = Q[..., a, 0] = R[..., c - 1, b - 1] - R[..., b - 1, c - 1]
-        Q[..., a, b] = Q[..., b, a] = R[..., b - 1, a - 1] + R[..., a - 1, b - 1]
-    largest = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(Q, largest[..., None, None], axis=-2)[..., 0, :]
-    return q / np.linalg.norm(q, axis=-1, keepdims=True)
