@@ -42,7 +42,7 @@ def add_solve(parser: argparse.ArgumentParser) -> None:
 
 
 def add_motion(parser: argparse.ArgumentParser, otherwise: str) -> None:
-    """Add --motion, --map and --clip; `otherwise` is the motion without --motion."""
+    """Add --motion and the options of `add_mapping`; `otherwise` is the motion without --motion."""
     parser.add_argument(
         "--motion",
         metavar="FILE",
@@ -52,13 +52,24 @@ def add_motion(parser: argparse.ArgumentParser, otherwise: str) -> None:
 
 
 def add_mapping(parser: argparse.ArgumentParser) -> None:
-    """Add --map and --clip: which clip of a motion's file, and which of its bones moves which bone of the rig."""
+    """Add --map, --clip, --rest-frame, --up, --forward and --verbose: how the motion of a file moves the rig."""
     parser.add_argument(
         "--map",
         metavar="FILE",
         help="bone map, .json: the bone of the motion that each bone of the rig follows",
     )
     parser.add_argument("--clip", metavar="NAME", help="the motion to use, if the file holds several; all by default")
+    parser.add_argument(
+        "--rest-frame",
+        type=int,
+        metavar="K",
+        help="the frame of the motion that is like the rig's rest pose, -1: its own rest pose; found by default",
+    )
+    for option, what in (("--up", "points up"), ("--forward", "points to where the body looks")):
+        parser.add_argument(
+            option, metavar="AXIS", help=f"the axis of the motion that {what}: x, y, z, -x, -y or -z; found by default"
+        )
+    parser.add_argument("--verbose", action="store_true", help="also show which bones follow which")
 
 
 def add_pose(parser: argparse.ArgumentParser) -> None:

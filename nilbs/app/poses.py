@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import numpy as np
 
+    from nilbs.characters.clips import Retargeting
     from nilbs.characters.motion import Motion
+    from nilbs.characters.report import Report
     from nilbs.geometry.skeleton import Skeleton
     from nilbs.io.bundle import Bundle
     from nilbs.models.model import Model
@@ -18,11 +20,47 @@ def print_note(line: str) -> None:
     print(f"nilbs: {line}", file=sys.stderr)
 
 
+def notes(args: argparse.Namespace) -> "Report":
+    """Prints notes on standard error; details only with --verbose."""
+    from nilbs.characters.report import Detail
+
+    left_out = 0
+
+    def note(line: str) -> None:
+        nonlocal left_out
+        if args.verbose or not isinstance(line, Detail):
+            print_note(line)
+        elif not left_out:
+            left_out = 1
+            print_note("which bones follow which is shown by --verbose")
+
+    return note
+
+
+def retargeting(args: argparse.Namespace) -> "Retargeting":
+    """How the options put a motion on the character."""
+    from nilbs.characters.clips import Retargeting
+
+    return Retargeting(args.map, args.rest_frame, args.up, args.forward)
+
+
+def retargeting_options(args: argparse.Namespace) -> dict[str, object]:
+    """The options that were given of putting a motion on another rig."""
+    options = {"--map": args.map, "--rest-frame": args.rest_frame, "--up": args.up, "--forward": args.forward}
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _motion_options(args: argparse.Namespace) -> dict[str, object]:
+    """The options that were given of a motion's file."""
+    return {**({} if args.clip is None else {"--clip": args.clip}), **retargeting_options(args)}
+
+
 def motion_of_file(args: argparse.Namespace, skeleton: "Skeleton") -> "Motion":
     """The motion of a skeleton in the file of `--motion`."""
     from nilbs.characters.motion import load_motion
 
-    return load_motion(args.motion, skeleton, bone_map=args.map, clip=args.clip, report=print_note)
+    how = vars(retargeting(args))
+    return load_motion(args.motion, skeleton, clip=args.clip, report=notes(args), **how)
 
 
 def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | None":
@@ -32,25 +70,23 @@ def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | Non
 
     _, skeleton = rigged(bundle)
     if args.motion is None and (args.random or not bundle.clips):
-        for option, value in (("--map", args.map), ("--clip", args.clip)):
-            if value is not None:
-                why = "the motion is random" if args.random else "no file brings one"
-                raise ValueError(f"{option} is for the motion of a file, and {why}")
+        for option in _motion_options(args):
+            why = "the motion is random" if args.random else "no file brings one"
+            raise ValueError(f"{option} is for the motion of a file, and {why}")
         return None
     if args.amplitude is not None:
         file = bundle.clips[0].file if args.motion is None else args.motion
         raise ValueError(f"--amplitude is of random motion, and {file} brings one: leave it out, or give --random")
     if args.motion is not None:
         return motion_of_file(args, skeleton)
-    return motion_of_clips(bundle.clips, skeleton, clip=args.clip, bone_map=args.map, report=print_note)
+    return motion_of_clips(bundle.clips, skeleton, clip=args.clip, how=retargeting(args), report=notes(args))
 
 
 def check_motion_options(args: argparse.Namespace) -> None:
     """Refuse options of a motion's file if there is no --motion."""
     if args.motion is None:
-        for option, value in (("--map", args.map), ("--clip", args.clip)):
-            if value is not None:
-                raise ValueError(f"{option} is for the motion of a file: give one with --motion")
+        for option in _motion_options(args):
+            raise ValueError(f"{option} is for the motion of a file: give one with --motion")
 
 
 def chosen_pose(model: "Model", args: argparse.Namespace) -> "np.ndarray":

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from nilbs.characters.character import Character, assemble, check_sizes, in_dimension
-from nilbs.characters.clips import BoneMap, own_clip
+from nilbs.characters.clips import BoneMap, Retargeting, own_clip
 from nilbs.characters.motion import Motion, motion_of_clips
 from nilbs.characters.report import Report, silent
 from nilbs.geometry.plane import flattened, in_space
@@ -122,7 +122,7 @@ def load_animated(
     _, skeleton = rigged(bundle)
     if not bundle.clips:
         raise ValueError(f"{' and '.join(bundle.taken)}: there is no motion")
-    motion = motion_of_clips(bundle.clips, skeleton, clip=clip, bone_map=bone_map, report=report)
+    motion = motion_of_clips(bundle.clips, skeleton, clip=clip, how=Retargeting(bone_map), report=report)
     return character_of(bundle, progress=progress, report=report), motion
 
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from nilbs.characters.report import Report
+from nilbs.characters.report import Detail, Report
 from nilbs.geometry.curves import Curves
 from nilbs.geometry.kinematics import bone_order, forward_kinematics
 from nilbs.geometry.plane import transforms_in_plane
+from nilbs.geometry.reference_pose import ReferencePose, reference_pose
 from nilbs.geometry.retargeting import followed_bones, guess_bone_map, retarget
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, listed
@@ -20,6 +21,35 @@ from nilbs.io.errors import FileFormatError
 from nilbs.io.motion import LocalMotion, read_motion_json, read_transforms
 
 BoneMap = Mapping[str, str | None] | str | os.PathLike
+
+
+@dataclass(frozen=True)
+class Retargeting:
+    """How the motion of one skeleton is put on another; what is None is found.
+
+    Attributes
+    ----------
+    bone_map : mapping or path, optional
+        For bones of the character, by name, the bones of the file that they follow, or a JSON file of these, see
+        `nilbs.io.bone_map.read_bone_map`.
+    rest_frame, up, forward
+        As for `nilbs.geometry.reference_pose.reference_pose`; a map's file may hold them too.
+    """
+
+    bone_map: BoneMap | None = None
+    rest_frame: int | None = None
+    up: str | None = None
+    forward: str | None = None
+
+    def read(self) -> "Retargeting":
+        """The same with the bones, if there are any, and the options of the map's file."""
+        if not isinstance(self.bone_map, str | os.PathLike):
+            return self
+        bones, options = read_bone_map(self.bone_map)
+        given = {name[2:].replace("-", "_"): value for name, value in options.items()}
+        given |= {name: value for name, value in vars(self).items() if value is not None}
+        return Retargeting(**{**given, "bone_map": bones or None})
+
 
 FPS = 24  # frames a second of a motion without times
 _SAME_PLACE = 1e-4  # of the skeleton's size: joints that are nearer are the same
@@ -37,6 +67,8 @@ class FollowedCurves:
         As for `nilbs.geometry.retargeting.retarget`.
     start : (b', d+1, d+1) float array
         The source's pose in the first frame of its clip.
+    reference : ReferencePose
+        The source's pose that corresponds to the target's rest pose.
     curves : Curves
         Of the source's bones.
     """
@@ -45,6 +77,7 @@ class FollowedCurves:
     target: Skeleton
     bone_map: Mapping[str, str | None]
     start: np.ndarray
+    reference: ReferencePose
     curves: Curves
 
     def __post_init__(self) -> None:
@@ -61,7 +94,7 @@ class FollowedCurves:
     def at(self, times: np.ndarray) -> np.ndarray:
         """Transforms (t, b, d+1, d+1) of the target's bones at times (t,): the source's poses there, retargeted."""
         B = np.concatenate([self.start[None], self.curves.at(times)])
-        return retarget(self.source, B, self.target, self.bone_map).B[1:]
+        return retarget(self.source, B, self.target, self.bone_map, reference=self.reference).B[1:]
 
     def shifted(self, start: float, to: float) -> "FollowedCurves":
         """The same, with what was at the time `start` at the time `to`."""
@@ -123,7 +156,7 @@ def clips_named(clips: Sequence[Clip], name: str | None) -> tuple[Clip, ...]:
 
 
 def on_skeleton(
-    clips: Sequence[Clip], target: Skeleton, *, bone_map: BoneMap | None = None, report: Report
+    clips: Sequence[Clip], target: Skeleton, *, how: Retargeting | None = None, report: Report
 ) -> tuple[Clip, ...]:
     """The clips as motions of a skeleton; what is reported of several clips alike is reported once."""
     reported: set[str] = set()
@@ -133,14 +166,14 @@ def on_skeleton(
             reported.add(line)
             report(line)
 
-    return tuple(_on_skeleton(clip, target, bone_map, once) for clip in clips)
+    chosen = (how or Retargeting()).read()
+    return tuple(_on_skeleton(clip, target, chosen, once) for clip in clips)
 
 
-def _on_skeleton(clip: Clip, target: Skeleton, bone_map: BoneMap | None, report: Report) -> Clip:
+def _on_skeleton(clip: Clip, target: Skeleton, how: Retargeting, report: Report) -> Clip:
     """A clip of the target's bones, which move as another clip does.
 
-    `bone_map` names the bone of the clip that each bone of the target follows. By default they are the clip's own
-    transforms and curves, where it has the target's names and joints; else the map is guessed.
+    By default they are the clip's own transforms and curves, where it has the target's names and joints.
     """
     if clip.skeleton is target:
         return clip
@@ -154,25 +187,39 @@ def _on_skeleton(clip: Clip, target: Skeleton, bone_map: BoneMap | None, report:
         except ValueError as error:
             raise FileFormatError(path, str(error)) from None
         B = _in_plane(path, B)
-    own = _own_bones(source, target) if bone_map is None else None
+    own = _own_bones(source, target) if how == Retargeting() else None
     if own is not None:
         _check_finite(path, B[:, own], target)
         return replace(clip, skeleton=target, B=B[:, own], curves=None if curves is None else curves.of_bones(own))
-    if isinstance(bone_map, str | os.PathLike):
-        bone_map = read_bone_map(bone_map)
     try:
-        guessed = guess_bone_map(source, target) if bone_map is None else bone_map
-        moved = retarget(source, B, target, guessed)
+        guessed = guess_bone_map(source, target) if how.bone_map is None else how.bone_map
+        assert not isinstance(guessed, str | os.PathLike)  # it was read
+        follows = followed_bones(source, target, guessed)
+        reference = reference_pose(
+            source, B, target, follows, rest_frame=how.rest_frame, up=how.up, forward=how.forward
+        )
+        moved = retarget(source, B, target, guessed, reference=reference)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    for line in bone_map_lines(source, target, guessed):
-        report(f"{path.name}: {line}")
     _check_finite(path, moved.B, target)
-    report(f"{path.name}: {_axes(moved.axes)}; lengths are multiplied by {moved.scale:.4g}")
+    first, *rest = bone_map_lines(source, target, guessed)
+    report(f"{path.name}: {first}; {_axes(reference.axes)}; lengths are multiplied by {moved.scale:.4g}")
+    if reference.unlike:
+        report(
+            f"{path.name}: its rest pose is unlike the character's, and so are all frames: the pose may be wrong; name "
+            "the frame that is like the character's rest pose by --rest-frame, or correct the bones by --map"
+        )
+    elif reference.frame is not None and how.rest_frame is None:
+        report(
+            f"{path.name}: its frame {reference.frame} is taken as the character's rest pose, which its own is not; "
+            "--rest-frame names another (-1: its own)"
+        )
     if moved.from_first.any():
-        axes = " and ".join("xyz"[axis] for axis in np.flatnonzero(moved.from_first))
-        report(f"{path.name}: starts far from its rest pose along {axes}; there it starts where the character stands")
-    followed = None if curves is None else FollowedCurves(source, target, guessed, B[0], curves)
+        along = " and ".join("xyz"[axis] for axis in np.flatnonzero(moved.from_first))
+        report(f"{path.name}: starts far from its rest pose along {along}; there it starts where the character stands")
+    for line in rest:
+        report(Detail(f"{path.name}: {line}"))
+    followed = None if curves is None else FollowedCurves(source, target, guessed, B[0], reference, curves)
     return replace(clip, skeleton=target, B=moved.B, curves=followed)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from nilbs.characters import AMPLITUDE, FRAMES
 from nilbs.characters.character import Character
-from nilbs.characters.clips import FPS, BoneMap, clips_named, on_skeleton, own_clip
+from nilbs.characters.clips import FPS, BoneMap, Retargeting, clips_named, on_skeleton, own_clip
 from nilbs.characters.report import Report, silent
 from nilbs.geometry.curves import PosesOverTime
 from nilbs.geometry.kinematics import (
@@ -268,6 +268,9 @@ def load_motion(
     *,
     clip: str | None = None,
     bone_map: BoneMap | None = None,
+    rest_frame: int | None = None,
+    up: str | None = None,
+    forward: str | None = None,
     report: Report | None = None,
 ) -> Motion:
     """Load a motion, and put it on a character if it was made for another.
@@ -285,6 +288,10 @@ def load_motion(
     bone_map : mapping or path, optional
         For bones of the character, by name, the bones of the file that they follow, or a JSON file of these, see
         `nilbs.io.bone_map.read_bone_map`. Guessed by default.
+    rest_frame : int, optional
+        The frame of the file that is like the character's rest pose, -1 for the file's own rest pose. Found by default.
+    up, forward : str, optional
+        The file's axes, such as "z" or "-y", that point up, and to where its body looks. Found by default.
     report : function of str, optional
         Receives a line on each decision that the files left open.
 
@@ -315,7 +322,8 @@ def load_motion(
     report = report or silent
     skeleton = character if isinstance(character, Skeleton) else character.skeleton
     if check_suffix(path, *MOTIONS) in OWN_MOTIONS:
-        for value, what in ((clip, "clip"), (bone_map, "bone map")):
+        given = ((clip, "clip"), (bone_map, "bone map"), (rest_frame, "rest frame"), (up, "axis"), (forward, "axis"))
+        for value, what in given:
             if value is not None:
                 raise FileFormatError(
                     path, f"a {path.suffix} file moves the character's own bones: there is no {what} to choose"
@@ -327,7 +335,8 @@ def load_motion(
     if not bundle.clips:
         raise FileFormatError(path, "the file holds no motion")
     clips = [replace(found, file=str(path)) for found in bundle.clips]
-    return motion_of_clips(clips, skeleton, clip=clip, bone_map=bone_map, report=report)
+    how = Retargeting(bone_map, rest_frame, up, forward)
+    return motion_of_clips(clips, skeleton, clip=clip, how=how, report=report)
 
 
 def motion_of_clips(
@@ -335,11 +344,11 @@ def motion_of_clips(
     skeleton: Skeleton,
     *,
     clip: str | None = None,
-    bone_map: BoneMap | None = None,
+    how: Retargeting | None = None,
     report: Report | None = None,
 ) -> Motion:
     """Clips of a file, or of several, as one motion of a skeleton: one after the other, or the one of a name."""
-    chosen = on_skeleton(clips_named(clips, clip), skeleton, bone_map=bone_map, report=report or silent)
+    chosen = on_skeleton(clips_named(clips, clip), skeleton, how=how, report=report or silent)
     sources = []
     for file in dict.fromkeys(found.file for found in chosen):
         names = [found.name for found in chosen if found.file == file]

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import permutations, product
 
 import numpy as np
 
 from nilbs.geometry.bone_names import matching_bones
 from nilbs.geometry.kinematics import bone_order, forward_kinematics
+from nilbs.geometry.reference_pose import ReferencePose, reference_pose, up_and_forward
 from nilbs.geometry.rotations import nearest_rotations, rotation_vectors, transform_points
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, listed
@@ -16,7 +16,7 @@ from nilbs.geometry.validation import arrays, listed
 # and not on where in the flesh the joints were placed.
 _CONE = np.cos(np.radians(60))
 _LIMB = 1 / 8  # of the longest way along bones
-_LEAN = np.radians(30)  # a limb that leans less is no reason to tilt hands and feet
+_LEAN = np.radians(30)  # a leg that leans less is no reason to tilt its foot
 _ASTRAY = 0.3  # of the longest way from the topmost joint: bones of like names that differ more are not the same
 _FAR = 1 / 4  # of the longest way: a start that is farther from the rest pose is no part of the motion
 
@@ -25,19 +25,26 @@ _FAR = 1 / 4  # of the longest way: a start that is farther from the rest pose i
 class Retargeted:
     """A motion on another skeleton.
 
-    B (t, b, d+1, d+1) are the target's transforms, rest to posed; `axes` (d, d) the rotation by quarter turns from the
-    source's axes; `scale` a length of the target over that of the source. Along the target's axes `from_first` (d,) the
-    first frame is so far from the source's rest pose that translation does not count from there: the lowest joint of
-    that frame is put where the lowest joint at rest is.
+    B (t, b, d+1, d+1) are the target's transforms, rest to posed; `reference` the source's pose that corresponds to the
+    target's rest pose; `scale` a length of the target over that of the source. Along the target's axes `from_first`
+    (d,) the first frame is so far from the source's rest pose that translation does not count from there: the lowest
+    joint of that frame is put where the lowest joint at rest is.
     """
 
     B: np.ndarray
-    axes: np.ndarray
+    reference: ReferencePose
     scale: float
     from_first: np.ndarray
 
 
-def retarget(source: Skeleton, B: np.ndarray, target: Skeleton, bone_map: Mapping[str, str | None]) -> Retargeted:
+def retarget(
+    source: Skeleton,
+    B: np.ndarray,
+    target: Skeleton,
+    bone_map: Mapping[str, str | None],
+    *,
+    reference: ReferencePose | None = None,
+) -> Retargeted:
     """Move a skeleton as another one moves.
 
     Parameters
@@ -51,6 +58,9 @@ def retarget(source: Skeleton, B: np.ndarray, target: Skeleton, bone_map: Mappin
     bone_map : mapping of str to str or None
         For bones of the target, by name, the bones of the source that they follow; several may follow one. Bones
         without one keep their rest pose relative to the nearest bone above that has one.
+    reference : ReferencePose, optional
+        The source's pose that corresponds to the target's rest pose; by default that of
+        `nilbs.geometry.reference_pose.reference_pose`.
 
     Returns
     -------
@@ -64,13 +74,13 @@ def retarget(source: Skeleton, B: np.ndarray, target: Skeleton, bone_map: Mappin
 
     Notes
     -----
-    The source is first turned into the target's axes, by the rotation of quarter turns that brings its joints nearest
-    to the target's (Procrustes, free of scale). A mapped bone then has the rotation R = R_source A in the world. A
+    The source is first turned into the target's axes, and its reference pose becomes its rest pose. A mapped bone then
+    has the rotation R = R_source A in the world. A
     reconciles the rest poses: it turns the bone from the target's rest pose to that of the source, without twist. It is
     the alignment of the bone above, followed, for a limb, by the least rotation that takes its direction, from its
     joint to the next mapped ones, to that of the source. Torso, hands, feet and head are no limbs: their joints' places
-    vary more between rigs than their rest poses do. Where the limb above leans by less than 30 degrees a bone is
-    aligned from its rest pose, so that legs that stand apart do not tilt the soles.
+    vary more between rigs than their rest poses do. Below a leg, which hangs down at rest, that is aligned by less than
+    30 degrees, a bone is aligned from its rest pose, so that legs that stand apart do not tilt the soles.
 
     The roots' translation is chosen such that the joints next to the topmost mapped bone, as legs and spine are next to
     the hips, move as far on average as those of the source, times the ratio of the summed lengths of mapped bones.
@@ -91,11 +101,13 @@ def retarget(source: Skeleton, B: np.ndarray, target: Skeleton, bone_map: Mappin
         raise ValueError(f"the motion has {source.d} dimensions, but the skeleton that is to follow it has {d}")
     follows = followed_bones(source, target, bone_map)
     mapped = np.flatnonzero(follows >= 0)
+    if reference is None:
+        reference = reference_pose(source, B, target, follows)
+    source, B, axes = reference.skeleton(source), reference.from_it(B), reference.axes
     start, source_start = target.C[target.BE[:, 0]], source.C[source.BE[:, 0]]
-    axes = quarter_turns_between(source_start[follows[mapped]], start[mapped])
     tree = _MappedTree(target.P, follows, start, source_start @ axes.T)
     scale = tree.scale()
-    A = tree.alignments()
+    A = tree.alignments(-up_and_forward(target)[0])
 
     R_source = axes @ nearest_rotations(B[:, follows[mapped], :d, :d]) @ axes.T
     R = np.empty((len(B), len(start), d, d))
@@ -117,7 +129,7 @@ def retarget(source: Skeleton, B: np.ndarray, target: Skeleton, bone_map: Mappin
         lowest = (transform_points(still[0], start) + moved[0]).min(axis=0)
         moved = moved + np.where(from_first, start.min(axis=0) - lowest, 0.0)
     posed = forward_kinematics(target.C, target.BE, target.P, theta, root_translation=moved)
-    return Retargeted(posed, axes, scale, from_first)
+    return Retargeted(posed, reference, scale, from_first)
 
 
 def guess_bone_map(source: Skeleton, target: Skeleton) -> dict[str, str]:
@@ -200,20 +212,6 @@ def followed_bones(source: Skeleton, target: Skeleton, bone_map: Mapping[str, st
     return follows
 
 
-def quarter_turns_between(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Rotation R (d, d) by quarter turns that brings points x (n, d) nearest to y, whatever their sizes and places.
-
-    Of equally good ones that of the least angle.
-    """
-    x, y = arrays(x=(x, "n d"), y=(y, "n d"))
-    d = x.shape[1]
-    turns = [np.eye(d)[list(order)] * signs for order in permutations(range(d)) for signs in product((1, -1), repeat=d)]
-    turns = sorted((R for R in turns if np.linalg.det(R) > 0), key=lambda R: -np.trace(R))
-    H = (y - y.mean(axis=0)).T @ (x - x.mean(axis=0))
-    fit = np.array([(R * H).sum() for R in turns])
-    return turns[int(np.flatnonzero(fit >= fit.max() - 1e-9 * np.abs(H).sum())[0])]
-
-
 def least_rotation(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Rotation of the least angle that takes one direction (d,) to another; a half turn if they are opposite."""
     u, v = arrays(u=(u, "d"), v=(v, "d"))
@@ -278,14 +276,15 @@ class _MappedTree:
             way[head] = way[parent] + float(np.linalg.norm(self.start[head] - self.start[parent])) if parent >= 0 else 0
         return max(way.values())
 
-    def alignments(self) -> np.ndarray:
+    def alignments(self, down: np.ndarray) -> np.ndarray:
         """Rotations (b, d, d) from the target's rest pose to that of the source."""
         d = self.start.shape[1]
         A = np.broadcast_to(np.eye(d), (len(self.start), d, d)).copy()
         limbs = self._limbs()
         for head in self.heads:
             parent = self.parent(head)
-            if parent >= 0 and np.linalg.norm(rotation_vectors(A[parent])) > _LEAN:
+            is_leg = parent in limbs and _angle(limbs[parent][0], down) < _LEAN
+            if parent >= 0 and not (is_leg and np.linalg.norm(rotation_vectors(A[parent])) <= _LEAN):
                 A[head] = A[parent]
             if head in limbs:
                 direction, direction_source = limbs[head]
@@ -318,6 +317,10 @@ class _MappedTree:
             if all(_in_cone(way, ray) for way, ray in zip(ways, rays, strict=True)):
                 found[head] = ways[0], ways[1]
         return found
+
+
+def _angle(u: np.ndarray, v: np.ndarray) -> float:
+    return float(np.arccos(np.clip(u @ v / (np.linalg.norm(u) * np.linalg.norm(v)), -1, 1)))
 
 
 def _in_cone(axis: np.ndarray, rays: np.ndarray) -> bool:

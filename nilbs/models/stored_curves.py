@@ -7,6 +7,7 @@ import numpy as np
 
 from nilbs.characters.clips import FollowedCurves
 from nilbs.geometry.curves import Channels, Curves, PosesOverTime
+from nilbs.geometry.reference_pose import ReferencePose
 from nilbs.geometry.skeleton import Skeleton
 
 _TREE = ("P", "translation", "rotation", "scale", "frame", "bones", "inverse")
@@ -23,7 +24,9 @@ def stored_curves(curves: Sequence[PosesOverTime | None]) -> tuple[dict[str, np.
         if isinstance(found, FollowedCurves):
             text = {"names": list(found.source.names), "bone_map": dict(found.bone_map)}
             arrays |= {f"{k}.source.{name}": getattr(found.source, name) for name in _SKELETON}
-            arrays[f"{k}.start"] = found.start
+            reference = found.reference
+            text |= {"frame": reference.frame, "unlike": reference.unlike}
+            arrays |= {f"{k}.start": found.start, f"{k}.pose": reference.pose, f"{k}.axes": reference.axes}
             found = found.curves
         if isinstance(found, Curves):
             arrays |= {f"{k}.{name}": getattr(found, name) for name in _TREE}
@@ -53,7 +56,10 @@ def _restored(arrays: Mapping[str, np.ndarray], k: int, text: Mapping[str, Any],
         moved = Skeleton(**named, names=text["names"])
     if len(curves.bones) != len(moved.BE):
         raise ValueError(f"the curves of clip {k} are of {len(curves.bones)} bones, not {len(moved.BE)}")
-    return FollowedCurves(moved, target, text["bone_map"], arrays[f"{k}.start"], curves) if text else curves
+    if not text:
+        return curves
+    reference = ReferencePose(text["frame"], arrays[f"{k}.pose"], arrays[f"{k}.axes"], text["unlike"])
+    return FollowedCurves(moved, target, text["bone_map"], arrays[f"{k}.start"], reference, curves)
 
 
 def _in_few_bytes(array: np.ndarray) -> np.ndarray:

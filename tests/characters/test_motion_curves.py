@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nilbs.characters.clips import FollowedCurves, on_skeleton
+from nilbs.characters.clips import FollowedCurves, Retargeting, on_skeleton
 from nilbs.characters.motion import clips_of, load_motion, motion_of_clips
 from nilbs.geometry.curves import Curve, Curves, channels_of, curves_between
 from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses
@@ -243,7 +243,9 @@ def test_model_files_hold_curves(d: int, models, tmp_path: Path, rng: np.random.
         clip_of(other, rng, "followed"),
     ]
     bone_map = dict(zip(skeleton.names, other.names, strict=True))
-    motion = motion_of_clips([*clips[:2], *on_skeleton(clips[2:], skeleton, bone_map=bone_map, report=print)], skeleton)
+    motion = motion_of_clips(
+        [*clips[:2], *on_skeleton(clips[2:], skeleton, how=Retargeting(bone_map), report=print)], skeleton
+    )
     motion = motion.take(9)
     replace(model, motion=motion).save(tmp_path / "m.nilbs")
     again = load_model(tmp_path / "m.nilbs").motion

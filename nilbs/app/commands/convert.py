@@ -43,8 +43,10 @@ def run(args: argparse.Namespace) -> None:
     from dataclasses import replace
 
     from nilbs.app.output import show
+    from nilbs.app.poses import retargeting, retargeting_options
     from nilbs.characters.bundle import character_of, load_bundle
     from nilbs.characters.clips import clips_named, on_skeleton
+    from nilbs.characters.report import Detail
     from nilbs.characters.saving import check_outputs, write_bundle
     from nilbs.io import check_suffix, check_writable
     from nilbs.io.bone_map import write_bone_map
@@ -62,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
     for option, value, serves, what in (
         ("--group", args.group, bundle.mesh, "a mesh"),
         ("--clip", args.clip, clips, "a motion"),
-        ("--map", args.map, foreign, "a motion for another rig"),
+        *((option, value, foreign, "a motion for another rig") for option, value in retargeting_options(args).items()),
         ("--write-map", args.write_map, foreign, "a motion for another rig"),
     ):
         if value is not None and not serves:
@@ -77,7 +79,7 @@ def run(args: argparse.Namespace) -> None:
                 args.write_map, _guess(foreign[0].skeleton, bundle.skeleton.in_space()), bundle.skeleton.names
             )
         own = [clip for clip in clips if clip.skeleton is bundle.skeleton]
-        clips = (*own, *on_skeleton(foreign, bundle.skeleton, bone_map=args.map, report=notes.append))
+        clips = (*own, *on_skeleton(foreign, bundle.skeleton, how=retargeting(args), report=notes.append))
     if args.solve:
         W = character_of(bundle, progress=True, report=notes.append).W
         bundle = replace(bundle, influences=Influences.of_matrix(W))
@@ -94,7 +96,11 @@ def run(args: argparse.Namespace) -> None:
         "sizes": sizes,
         "notes": notes,
     }
-    show(values, as_json=args.json, table="\n".join([*lines, *(f"note: {note}" for note in notes)]))
+    show(
+        values,
+        as_json=args.json,
+        table="\n".join([*lines, *(f"note: {note}" for note in notes if args.verbose or not isinstance(note, Detail))]),
+    )
 
 
 def _sizes(bundle: "Bundle") -> dict[str, str]:

@@ -1,0 +1,266 @@
+"""The pose of a motion's skeleton that corresponds to another skeleton's rest pose.
+
+In many files that is the rest pose. In others bones lie along an axis at rest, or the root is turned; then a frame of
+the motion takes its place, such as the T-pose in which captures begin.
+"""
+
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+
+from nilbs.geometry.bone_names import bone_name
+from nilbs.geometry.kinematics import bone_order
+from nilbs.geometry.rotations import nearest_rotations, rigid_transforms, rotation_vectors, transform_points
+from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.validation import arrays
+
+# Of two shapes the part of one that no rotation, scale and move explains by the other: 0 the same, 1 nothing alike.
+# T, A and I-poses of people differ by up to a half, a T-pose that somebody stands in and one on paper by some tenths.
+_UNLIKE, _ALIKE, _SAME = 0.6, 0.3, 0.02
+# A capture that begins with a T-pose does so in these frames; a later one must be so much more alike.
+_FIRST, _MORE = 30, 0.5
+# A body that is turned less in the reference frame stands as at rest; one tilted by more in most frames lies at rest.
+_TURNED, _TILTED = np.radians(15), np.radians(60)
+_AXES = "xyz"
+
+
+@dataclass(frozen=True)
+class ReferencePose:
+    """The pose of a source that corresponds to a target's rest pose.
+
+    Attributes
+    ----------
+    frame : int or None
+        The frame of the motion that it was taken from; None is the source's own rest pose.
+    pose : (b', d+1, d+1) float array
+        Rigid transforms of the source's bones, rest to reference: the frame's, turned upright, its topmost joint where
+        it is at rest.
+    axes : (d, d) float array
+        Rotation by quarter turns from the source's axes to the target's.
+    unlike : bool
+        Whether neither the rest pose nor a frame is like the target's rest pose.
+    """
+
+    frame: int | None
+    pose: np.ndarray
+    axes: np.ndarray
+    unlike: bool = False
+
+    def skeleton(self, source: Skeleton) -> Skeleton:
+        """The source with this pose as its rest pose."""
+        C = source.C.copy()
+        for end in (1, 0):  # a joint at which bones begin goes with these
+            joints = source.BE[:, end]
+            C[joints] = transform_points(self.pose, source.C[joints])
+        return Skeleton(C, source.BE, source.P, source.names)
+
+    def from_it(self, B: np.ndarray) -> np.ndarray:
+        """Transforms (..., b', d+1, d+1) from this pose, of such from the rest pose."""
+        return B @ np.linalg.inv(self.pose)
+
+
+def reference_pose(
+    source: Skeleton,
+    B: np.ndarray,
+    target: Skeleton,
+    follows: np.ndarray,
+    *,
+    rest_frame: int | None = None,
+    up: str | None = None,
+    forward: str | None = None,
+) -> ReferencePose:
+    """Find the pose of a motion's skeleton that corresponds to another skeleton's rest pose.
+
+    Parameters
+    ----------
+    source, target : Skeleton
+        Whose motion is known, and who is to follow it.
+    B : (t, b', d+1, d+1) float array
+        Transforms of the source's bones, rest to posed.
+    follows : (b,) int array
+        The bone of the source that each bone of the target follows, -1 for none.
+    rest_frame : int, optional
+        This frame is the reference, counted from 0; -1 is the source's rest pose. Found by default.
+    up, forward : str, optional
+        The axis of the source, such as "z" or "-y", that points up, and to where the body looks. Found by default.
+
+    Returns
+    -------
+    reference : ReferencePose
+
+    Raises
+    ------
+    ValueError
+        If the motion has no such frame, or an axis is none.
+
+    Notes
+    -----
+    Shapes are compared by the Procrustes distance of the joints that follow each other, free of place, size and
+    rotation. If the source's rest pose is unlike that of the target, the first frame is taken if it is alike, else the
+    frame that is most. If one of the first frames holds the rest pose turned, as where an exporter turned the root,
+    that frame is taken. There, up is the axis nearest to where the frame's body has its head, and where the body looks
+    stays as in the file.
+    """
+    d, mapped = target.d, np.flatnonzero(follows >= 0)
+    led = follows[mapped]
+    x_target, x_rest = _starts(target)[mapped], _starts(source)[led]
+    x = transform_points(B[:, led], x_rest)
+    if rest_frame is not None and not -1 <= rest_frame < len(B):
+        raise ValueError(f"the rest frame must be one of 0 to {len(B) - 1}, or -1 for the rest pose, got {rest_frame}")
+    rises, looks = up_and_forward(target)
+    frame, unlike = _found(x, x_rest, x_target, rises) if rest_frame is None else (rest_frame, False)
+    turns = quarter_turns(d)
+    for name, own in ((up, rises), (forward, looks)):
+        if name is not None and d == 3:
+            axis = _axis(name)
+            turns = [R for R in turns if (R @ axis == own).all()]
+    if not turns:
+        raise ValueError(f"up and forward must be two axes that are perpendicular, got {up!r} and {forward!r}")
+    still = np.broadcast_to(np.eye(d + 1), (len(source.BE), d + 1, d + 1))
+    if frame < 0:
+        return ReferencePose(None, still, _best(turns, x_rest, x_target), unlike)
+    Q = nearest_rotation(x_target, x[frame])
+    if up is None and d == 3:
+        turns = [R for R in turns if (R @ _nearest_axis(Q @ rises) == rises).all()] or turns
+    axes = turns[0] if d == 3 else _best(turns, x[frame], x_target)
+    leans = axes @ Q
+    if np.linalg.norm(rotation_vectors(leans[None])) <= _TURNED:
+        leans = np.eye(d)
+    # In the source's axes.
+    back = axes.T @ leans.T @ axes
+    pose = np.empty((len(source.BE), d + 1, d + 1))
+    pose[:] = B[frame]
+    starts = _starts(source)
+    turn = back @ nearest_rotations(pose[:, :d, :d])
+    top = next(bone for bone in bone_order(source.P) if bone in led)
+    placed = transform_points(pose, starts)
+    places = (placed - placed[top]) @ back.T + starts[top]
+    return ReferencePose(frame, rigid_transforms(turn, places - (turn @ starts[..., None])[..., 0]), axes, unlike)
+
+
+def quarter_turns(d: int) -> list[np.ndarray]:
+    """The rotations (d, d) by quarter turns, by angle."""
+    turns = [np.eye(d)[list(order)] * signs for order in permutations(range(d)) for signs in product((1, -1), repeat=d)]
+    return sorted((R for R in turns if np.linalg.det(R) > 0), key=lambda R: -np.trace(R))
+
+
+def quarter_turns_between(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Rotation R (d, d) by quarter turns that brings points x (n, d) nearest to y, whatever their sizes and places.
+
+    Of equally good ones that of the least angle.
+    """
+    x, y = arrays(x=(x, "n d"), y=(y, "n d"))
+    return _best(quarter_turns(x.shape[1]), x, y)
+
+
+def procrustes_distance(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """How unlike points x (..., n, d) are to points y (n, d) up to a similarity, from 0 to 1.
+
+    Notes
+    -----
+    The full Procrustes distance [1]_: the root of the part of the summed squares that the best move, rotation and scale
+    leave.
+
+    References
+    ----------
+    .. [1] Kendall, Shape manifolds, Procrustean metrics, and complex projective spaces, 1984.
+
+    Examples
+    --------
+    >>> x = np.array([[0.0, 0], [1, 0], [0, 2]])
+    >>> procrustes_distance(3 * x @ [[0, 1], [-1, 0]] + 5, x).round(6)
+    np.float64(0.0)
+    """
+    x, y = _centred(x), _centred(y)
+    u, s, v = np.linalg.svd(np.swapaxes(x, -1, -2) @ y)
+    s[..., -1] *= np.where(np.linalg.det(u @ v) < 0, -1, 1)
+    return np.sqrt(np.maximum(1 - s.sum(axis=-1) ** 2, 0))
+
+
+def nearest_rotation(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Rotation (..., d, d) that takes points x (n, d) nearest to points y (..., n, d), whatever their sizes, places."""
+    u, _, v = np.linalg.svd(np.swapaxes(_centred(y), -1, -2) @ _centred(x))
+    u[..., -1] *= np.where(np.linalg.det(u @ v) < 0, -1, 1)[..., None]
+    return u @ v
+
+
+def _found(x: np.ndarray, x_rest: np.ndarray, x_target: np.ndarray, up: np.ndarray) -> tuple[int, bool]:
+    """The frame that is the reference, -1 for the rest pose, and whether nothing is alike."""
+    rest = procrustes_distance(x_rest, x_target)
+    if not len(x) or len(x_rest) <= x_rest.shape[1]:
+        return -1, False  # so few points are like any others
+    if rest <= _UNLIKE:
+        return _turned_rest(x, x_rest, nearest_rotation(x_target, x_rest) @ up), False
+    unlike = procrustes_distance(x, x_target)
+    best = int(unlike.argmin())
+    if unlike[0] * _MORE <= unlike[best]:
+        best = 0
+    return (best, False) if unlike[best] <= _UNLIKE else (-1, True)
+
+
+def _turned_rest(x: np.ndarray, x_rest: np.ndarray, up: np.ndarray) -> int:
+    """The first frame that holds the rest pose, in which a direction is up, turned; -1 if there is none."""
+    unlike = procrustes_distance(x[:_FIRST], x_rest)
+    same = np.flatnonzero(unlike <= _SAME)
+    if len(same):
+        turn = rotation_vectors(nearest_rotation(x_rest, x[same[0]])[None])
+        return int(same[0]) if np.linalg.norm(turn) > _TURNED else -1
+    rises = nearest_rotation(x_rest, x) @ up @ up
+    lies = np.median(rises) < np.cos(_TILTED) and unlike.min() <= _ALIKE
+    return int(unlike.argmin()) if lies else -1
+
+
+def _starts(skeleton: Skeleton) -> np.ndarray:
+    return skeleton.C[skeleton.BE[:, 0]]
+
+
+def _centred(x: np.ndarray) -> np.ndarray:
+    """Points around the origin, their squares summed to one."""
+    x = x - x.mean(axis=-2, keepdims=True)
+    return x / np.maximum(np.linalg.norm(x, axis=(-1, -2), keepdims=True), 1e-300)
+
+
+def _best(turns: list[np.ndarray], x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The first rotation that brings points x nearest to points y."""
+    H = (y - y.mean(axis=0)).T @ (x - x.mean(axis=0))
+    fit = np.array([(R * H).sum() for R in turns])
+    return turns[int(np.flatnonzero(fit >= fit.max() - 1e-9 * np.abs(H).sum())[0])]
+
+
+def up_and_forward(skeleton: Skeleton) -> tuple[np.ndarray, np.ndarray]:
+    """Axes (d,) to where the head is from the feet, and to where the body looks; y and z where names do not show them.
+
+    In the plane they are y and x.
+    """
+    if skeleton.d == 2:
+        return np.array([0.0, 1.0]), np.array([1.0, 0.0])
+    starts, names = _starts(skeleton), [bone_name(name) for name in skeleton.names]
+
+    def middle(chosen: list[bool]) -> np.ndarray | None:
+        return starts[chosen].mean(axis=0) if any(chosen) else None
+
+    up, forward = _axis("y"), _axis("z")
+    head, foot = (middle([name.part in parts for name in names]) for parts in (("head", "neck"), ("foot", "shin")))
+    if head is not None and foot is not None:
+        up = _nearest_axis(head - foot)
+    left, right = (middle([name.side == side for name in names]) for side in "lr")
+    if left is not None and right is not None:
+        forward = np.cross(_nearest_axis(left - right), up)
+    if not forward.any() or forward @ up:
+        forward = np.cross(np.roll(up, -1), up)
+    return up, forward
+
+
+def _axis(name: str) -> np.ndarray:
+    """The unit vector (3,) of "x", "-z" and the like."""
+    letter = name.strip().lower().lstrip("+-")
+    if letter not in (*_AXES,):
+        raise ValueError(f"an axis is x, y or z, or -x, -y or -z, got {name!r}")
+    return np.eye(3)[_AXES.index(letter)] * (-1 if name.strip().startswith("-") else 1)
+
+
+def _nearest_axis(v: np.ndarray) -> np.ndarray:
+    """The unit vector (3,) along the axis nearest to a direction."""
+    axis = int(np.abs(v).argmax())
+    return np.eye(3)[axis] * (-1 if v[axis] < 0 else 1)

@@ -1,0 +1,178 @@
+"""A clip that was made on a skeleton in a T-pose, written with other rest poses, moves a character in the same way."""
+
+import numpy as np
+import pytest
+
+from nilbs.geometry.kinematics import forward_kinematics
+from nilbs.geometry.reference_pose import nearest_rotation, procrustes_distance, reference_pose
+from nilbs.geometry.retargeting import followed_bones, least_rotation, retarget
+from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
+from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
+
+NAMES = ["Hips", "Spine", "Neck", "Head"]
+NAMES += [f"{side}{part}" for side in ("Left", "Right") for part in ("Arm", "ForeArm", "Hand")]
+NAMES += [f"{side}{part}" for side in ("Left", "Right") for part in ("UpLeg", "Leg", "Foot")]
+PARENTS = np.array([-1, 0, 1, 2, 1, 4, 5, 1, 7, 8, 0, 10, 11, 0, 13, 14])
+SAME = {name: name for name in NAMES}
+FRAMES = 12
+
+
+def person(*, arms: float = 0.0, size: float = 1.0, long: float = 1.0) -> Skeleton:
+    """A person who faces z with y up, in a T-pose, or with arms that hang by an angle."""
+    x = [[0, 1, 0], [0, 1.2, 0], [0, 1.6, 0], [0, 1.7, 0]]
+    down = rotation_matrices([0, 0, -arms])
+    for side in (1, -1):
+        x += [(np.array([0.2, 1.5, 0]) + down @ [0.25 * k * long, 0, 0]) * [side, 1, 1] for k in range(3)]
+    for side in (1, -1):
+        x += [[0.1 * side, 0.95 - 0.44 * k * long, 0] for k in range(3)]
+    return skeleton_of_joints(size * np.array(x), PARENTS, NAMES)
+
+
+def starts(skeleton: Skeleton) -> np.ndarray:
+    return skeleton.C[skeleton.BE[:, 0]]
+
+
+def clip(skeleton: Skeleton, rng: np.random.Generator, *, t_pose: bool = True) -> np.ndarray:
+    """A walk with arms down, the first frame in a T-pose."""
+    theta = 0.1 * rng.normal(size=(FRAMES, len(NAMES), 3))
+    swing = np.sin(np.linspace(0, 6, FRAMES))
+    for side, sign in (("Left", 1), ("Right", -1)):
+        theta[:, NAMES.index(f"{side}Arm"), 2] -= 1.2 * sign
+        theta[:, NAMES.index(f"{side}UpLeg"), 0] += 0.5 * sign * swing
+        theta[:, NAMES.index(f"{side}Leg"), 0] += 0.4
+    move = np.stack([0.05 * swing, 0.02 * swing, np.linspace(0, 2, FRAMES)], axis=1)
+    if t_pose:
+        theta[0] = 0
+    return forward_kinematics(skeleton.C, skeleton.BE, skeleton.P, theta, root_translation=move)
+
+
+def with_rest(skeleton: Skeleton, B: np.ndarray, pose: np.ndarray) -> tuple[Skeleton, np.ndarray]:
+    """The same motion with a pose as the skeleton's rest pose."""
+    joints = transform_points(pose, starts(skeleton))
+    return skeleton_of_joints(joints, PARENTS, NAMES), B @ np.linalg.inv(pose)
+
+
+def bones_along(skeleton: Skeleton, axis: int) -> np.ndarray:
+    """The pose in which every bone points along an axis."""
+    x, R, at = starts(skeleton), np.tile(np.eye(3), (len(NAMES), 1, 1)), np.zeros((len(NAMES), 3))
+    for bone, parent in enumerate(PARENTS):
+        child = np.flatnonzero(bone == PARENTS)
+        R[bone] = least_rotation(x[child[0]] - x[bone], np.eye(3)[axis]) if len(child) else R[parent]
+        at[bone] = x[bone] if parent < 0 else at[parent] + R[parent] @ (x[bone] - x[parent])
+    return rigid_transforms(R, at - (R @ x[..., None])[..., 0])
+
+
+def turned(skeleton: Skeleton, **theta: list[float]) -> np.ndarray:
+    """The pose in which some bones are turned."""
+    turns = np.zeros((1, len(NAMES), 3))
+    for name, turn in theta.items():
+        turns[0, NAMES.index(name)] = turn
+    return forward_kinematics(skeleton.C, skeleton.BE, skeleton.P, turns)[0]
+
+
+def rest_poses(skeleton: Skeleton) -> dict[str, np.ndarray]:
+    return {
+        **{f"bones along {'xyz'[axis]}": bones_along(skeleton, axis) for axis in range(3)},
+        "A": turned(skeleton, LeftArm=[0, 0, -0.8], RightArm=[0, 0, 0.8]),
+        "I": turned(skeleton, LeftArm=[0, 0, -1.5], RightArm=[0, 0, 1.5]),
+        "root turned about y": turned(skeleton, Hips=[0, np.pi / 2, 0]),
+        "root turned a little about y": turned(skeleton, Hips=[0, 0.6, 0]),
+        "root turned about x": turned(skeleton, Hips=[-np.pi / 2, 0, 0]),
+    }
+
+
+@pytest.mark.parametrize("target", [person(), person(arms=0.7, size=3, long=1.2)], ids=["T", "A"])
+@pytest.mark.parametrize("name", rest_poses(person()))
+def test_the_rest_pose_of_the_file_does_not_matter(name: str, target: Skeleton, rng: np.random.Generator) -> None:
+    source = person()
+    B = clip(source, rng)
+    expected = retarget(source, B, target, SAME)
+    other, B_other = with_rest(source, B, rest_poses(source)[name])
+    found = retarget(other, B_other, target, SAME)
+    np.testing.assert_allclose(
+        transform_points(found.B, starts(target)),
+        transform_points(expected.B, starts(target)),
+        atol=0.01 * np.ptp(target.C),
+    )
+    assert found.reference.frame == (None if name in ("A", "I") else 0)
+    assert expected.reference.frame is None
+    assert not found.reference.unlike
+
+
+def test_axes_and_sizes_do_not_matter(rng: np.random.Generator) -> None:
+    source, target = person(), person(arms=0.7)
+    B = clip(source, rng)
+    expected = retarget(source, B, target, SAME).B
+    up = rigid_transforms(np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]), [0, 0, 0])
+    # Bones along x in a world whose z is up, a hundred times as large.
+    rested, B = with_rest(source, B, bones_along(source, 0))
+    large = Skeleton(100 * rested.C @ up[:3, :3].T, rested.BE, rested.P, rested.names)
+    B = up @ B @ up.T
+    B[..., :3, 3] *= 100
+    found = retarget(large, B, target, SAME)
+    np.testing.assert_allclose(found.B, expected, atol=1e-9)
+    np.testing.assert_array_equal(found.reference.axes, up[:3, :3].T)
+
+
+def test_without_a_t_pose_the_frame_that_is_most_alike_keeps_the_body_upright(rng: np.random.Generator) -> None:
+    source, target = person(), person(arms=0.7)
+    B = clip(source, rng, t_pose=False)
+    other, B_other = with_rest(source, B, bones_along(source, 0))
+    found = retarget(other, B_other, target, SAME)
+    assert found.reference.frame is not None
+    x, x_source = transform_points(found.B, starts(target)), transform_points(B, starts(source))
+    for bone, parent in ((5, 4), (6, 5), (8, 7), (9, 8), (11, 10), (12, 11), (14, 13), (15, 14)):
+        a, b = x[:, bone] - x[:, parent], x_source[:, bone] - x_source[:, parent]
+        cosine = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+        assert cosine.min() > 1 - 1e-9  # limbs point as in the file
+    rises = x[:, NAMES.index("Head")] - x[:, 0]
+    rises_source = x_source[:, NAMES.index("Head")] - x_source[:, 0]
+    cosine = (rises * rises_source).sum(axis=1) / np.linalg.norm(rises, axis=1) / np.linalg.norm(rises_source, axis=1)
+    assert cosine.min() > np.cos(np.radians(20))
+
+
+def test_a_frame_and_axes_can_be_named(rng: np.random.Generator) -> None:
+    source, target = person(), person(arms=0.7)
+    B = clip(source, rng)
+    expected = retarget(source, B, target, SAME).B
+    B = np.concatenate([B[1:], B[:1]])  # the T-pose comes last
+    other, B_other = with_rest(source, B, bones_along(source, 1))
+    follows = followed_bones(other, target, SAME)
+    named = reference_pose(other, B_other, target, follows, rest_frame=FRAMES - 1)
+    found = retarget(other, B_other, target, SAME, reference=named).B
+    np.testing.assert_allclose(found, np.concatenate([expected[1:], expected[:1]]), atol=1e-9)
+    assert reference_pose(other, B_other, target, follows, rest_frame=-1).frame is None
+    axes = reference_pose(source, B, target, follows, up="x", forward="-z").axes
+    np.testing.assert_array_equal(axes @ [1, 0, 0], [0, 1, 0])
+    np.testing.assert_array_equal(axes @ [0, 0, -1], [0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"rest_frame": FRAMES}, "0 to 11"),
+        ({"rest_frame": -2}, "got -2"),
+        ({"up": "w"}, "'w'"),
+        ({"up": "y", "forward": "-y"}, "perpendicular"),
+    ],
+)
+def test_what_is_named_must_exist(wrong: dict, message: str, rng: np.random.Generator) -> None:
+    source = person()
+    with pytest.raises(ValueError, match=message):
+        reference_pose(source, clip(source, rng), source, np.arange(len(NAMES)), **wrong)
+
+
+def test_a_motion_that_is_unlike_in_all_frames_is_reported(rng: np.random.Generator) -> None:
+    source, target = person(), person()
+    other, _ = with_rest(source, clip(source, rng), bones_along(source, 0))
+    still = np.tile(np.eye(4), (3, len(NAMES), 1, 1))
+    reference = reference_pose(other, still, target, np.arange(len(NAMES)))
+    assert reference.unlike and reference.frame is None
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_shapes_are_compared_up_to_similarity(d: int, rng: np.random.Generator) -> None:
+    x, R = rng.normal(size=(9, d)), rotation_matrices(rng.normal(size=1 if d == 2 else 3))
+    np.testing.assert_allclose(nearest_rotation(x, 3 * x @ R.T + 7), R, atol=1e-12)
+    assert procrustes_distance(3 * x @ R.T + 7, x) < 1e-7
+    assert procrustes_distance(rng.normal(size=(9, d)), x) > 0.2
