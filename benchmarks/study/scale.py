@@ -25,7 +25,7 @@ ABLATIONS: Mapping[str, Mapping[str, Any]] = {
     "no ghost bone": {"ghost": False},
     "no distances from bones": {"encoding": "local"},
     "pose parameters instead of local coordinates": {"encoding": "parameters"},
-    "forward weights in a network": {"forward": "network"},
+    "forward weights in a network": {"forward_map": "network"},
     "the occupancy loss too": {"occupancy_loss": 1.0},
     "no weight loss": {"weight_loss": 0.0},
     "no position loss": {"position_loss": 0.0},

@@ -52,7 +52,7 @@ class InverseSkinning(NetworkMethod):
     mapping: str = setting("search", "way to the canonical point; training does not depend on it", choices=MAPPINGS)
     encoding: str = setting("local", ENCODED, choices=ENCODINGS)
     ghost: bool = setting(True, "whether the network has a ghost bone (eq. 8)")
-    forward: str = setting(
+    forward_map: str = setting(
         "grid", "rest weights of the forward map (eq. 4): a grid, or a second network", choices=("grid", "network")
     )
     weight_loss: float = setting(1.0, "factor of the cross-entropy of the network's weights")
@@ -119,12 +119,12 @@ class InverseSkinning(NetworkMethod):
             ghost=self.ghost,
             width=self.width,
             depth=self.depth,
-            forward_network=self.forward == "network",
+            forward_network=self.forward_map == "network",
         )
 
     def engine(self, character: "Character", rest: "RestState", mapping: str | None = None) -> "Engine | None":
         """The compiled root search, by the mapping "search" on the grid of weights."""
-        if (mapping or self.mapping) != "search" or self.forward != "grid":
+        if (mapping or self.mapping) != "search" or self.forward_map != "grid":
             return None
         return rest.engine(width=self.cache_width)
 
@@ -182,6 +182,6 @@ class InverseSkinning(NetworkMethod):
         shapes = self.layer_shapes("inverse.network.layers", inputs, b + self.ghost)
         if self.encoding != "parameters":
             shapes["inverse.network.encoding.centers"] = (b, d)
-        if self.forward == "network":
+        if self.forward_map == "network":
             shapes |= self.layer_shapes("forward_network.layers", d, b)
         return shapes

@@ -67,6 +67,8 @@ def read_model_file(path: str | Path) -> ModelParts:
         curves = restored_curves(stored, text.get("curves", ()), character.skeleton)
         motion = Motion(moved[0], moved[1], str(text["motion"]), moved[2], character.skeleton, clips, curves)
         settings = text["settings"]
+        if "forward" in settings:  # its name before
+            settings["forward_map"] = settings.pop("forward")
         if settings.get("mapping") == "parts":  # before the default was the same
             settings["mapping"] = "search"
         if "method" not in text:

@@ -237,7 +237,7 @@ def test_train_for_nothing_is_refused(assets, nilbs, out, quick_training):
     files = (assets / "bar2.obj", assets / "bar.tgf", "--weights", assets / "bar2-weights.npz", "--frames", 2)
     off = [word for name in ("occupancy", "weight", "position") for word in (f"--{name}-loss", "0")]
     for forward in ("grid", "network"):
-        status, _, error = nilbs("train", *files, *off, "--forward", forward, "-o", out / "m.nilbs")
+        status, _, error = nilbs("train", *files, *off, "--forward-map", forward, "-o", out / "m.nilbs")
         assert status == 2
         assert "every loss of the weight network is off: there is nothing to train for" in error
     assert os.listdir(out) == []

@@ -167,7 +167,8 @@ def test_a_motion_that_is_unlike_in_all_frames_is_reported(rng: np.random.Genera
     other, _ = with_rest(source, clip(source, rng), bones_along(source, 0))
     still = np.tile(np.eye(4), (3, len(NAMES), 1, 1))
     reference = reference_pose(other, still, target, np.arange(len(NAMES)))
-    assert reference.unlike and reference.frame is None
+    assert reference.unlike
+    assert reference.frame is None
 
 
 @pytest.mark.parametrize("d", [2, 3])

@@ -108,7 +108,7 @@ def test_a_network_may_keep_the_forward_weights(characters, tmp_path: Path, quer
     c = characters[2]
     small = {"width": 32, "depth": 3, "poses_per_step": 8, "samples_per_frame": 500, "cache_resolution": 64}
     model = fit(
-        c, random_motion(c, frames=4), device="cpu", forward="network", encoding="parameters", steps=150, **small
+        c, random_motion(c, frames=4), device="cpu", forward_map="network", encoding="parameters", steps=150, **small
     )
     x, pose = queries(model, 2000)
     missed = np.linalg.norm(model.posed_points(c.V, pose) - c.skin(pose), axis=1)

@@ -162,7 +162,7 @@ def test_the_engine_answers_the_default_search_and_the_field_all_else(d: int, sa
 @DIMENSIONS
 def test_a_second_forward_network_is_searched_in_torch(d: int, characters, queries) -> None:
     c = characters[d]
-    method = method_of("nilbs", steps=2, forward="network", **SMALL)
+    method = method_of("nilbs", steps=2, forward_map="network", **SMALL)
     model = fit(c, random_motion(c, frames=4), method, device="cpu")
     assert model.engine() is None
     x, pose = queries(model, 50)

@@ -201,7 +201,7 @@ def test_another_version_is_named(saved, tmp_path: Path) -> None:
         (lambda c, t: t["settings"].update(depth=2), "layers.1.bias must be"),
         (lambda c, t: t["settings"].update(encoding="parameters"), "encoding.centers are no parameters"),
         (lambda c, t: t["settings"].update(ghost=False), r"layers.2.bias must be \(13,\)"),
-        (lambda c, t: t["settings"].update(forward="network"), "forward_network.layers.0.bias are missing"),
+        (lambda c, t: t["settings"].update(forward_map="network"), "forward_network.layers.0.bias are missing"),
         (lambda c, t: t["settings"].update(steps=0), "encoding.centers are no parameters"),
         (lambda c, t: c.update({"field.inverse.more": np.zeros(3)}), "inverse.more are no parameters"),
         (
