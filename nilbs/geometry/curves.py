@@ -16,7 +16,7 @@ PARTS = {"translation": 3, "rotation": 4, "scale": 3}
 STEP, LINEAR, SPLINE = "step", "linear", "cubicspline"
 LARGEST = 1e60  # of a number in a transform, so that a product of a few stays finite
 _BLOCK = 2**18  # transforms of nodes that are held at a time
-_ROUNDING = 1e-12  # of the largest number: what changes less does not move
+_ROUNDING = 1e-12  # of the largest number: what differs less from rest does not move
 
 
 class PosesOverTime(Protocol):
@@ -285,24 +285,26 @@ def curves_between(C: np.ndarray, BE: np.ndarray, P: np.ndarray, times: np.ndarr
     Returns
     -------
     curves : Curves
-        Of bones as nodes; what moves by rounding only has no curve.
+        Of bones as nodes; what leaves the rest pose by rounding only has no curve.
     """
     C, BE, P = arrays(C=(C, "k 3"), BE=(BE, "b 2", "C"), P=(P, "b", int))
     times, B = arrays(times=(times, "t"), B=(B, f"t {len(BE)} 4 4"))
     local, start = local_transforms(C, BE, P, B), C[BE[:, 0]]
+    rest = {"translation": start - np.where((P < 0)[:, None], 0.0, start[P]), "rotation": np.eye(4)[[3] * len(P)]}
     values = {"translation": local[..., :3, 3], "rotation": without_jumps(quaternions(local[..., :3, :3]))}
     size = {"translation": np.abs(local[..., :3, 3]).max(initial=0) + np.abs(start).max(initial=0), "rotation": 1.0}
     curves = {
         (int(bone), part): Curve(times, value[:, bone], LINEAR)
         for part, value in values.items()
-        for bone in np.flatnonzero(np.ptp(value, axis=0).max(axis=-1) > _ROUNDING * size[part])
+        for bone in np.flatnonzero(np.abs(value - rest[part]).max(axis=(0, 2)) > _ROUNDING * size[part])
     }
     inverse = np.tile(np.eye(4), (len(P), 1, 1))
     inverse[:, :3, 3] = -start
-    rest = {"translation": values["translation"][0], "rotation": values["rotation"][0], "scale": np.ones((len(P), 3))}
     return Curves(
         P,
-        **rest,
+        rest["translation"],
+        rest["rotation"],
+        np.ones((len(P), 3)),
         frame=np.tile(np.eye(4), (len(P), 1, 1)),
         bones=np.arange(len(P)),
         inverse=inverse,

@@ -109,8 +109,11 @@ def _kept(skeleton: Skeleton, clips: list[Clip], size: float) -> list[Curves]:
             above[node] = bone[parent] if bone[parent] >= 0 else above[parent]
     inverse = tree.inverse
     joints = -(linear_inverses(inverse[:, :3, :3]) @ inverse[:, :3, 3:])[..., 0]
-    same = np.array_equal(above[tree.bones], skeleton.P)
-    return found if same and np.abs(joints - first_joints(skeleton)).max() <= _SAME * size else []
+    # A reader places the character by its first root at rest.
+    placed = replace(tree, channels=(), d=3).at(np.zeros(1))[0, int(np.argmax(skeleton.P < 0))]
+    off = np.abs(joints - first_joints(skeleton)).max() + np.abs(placed[:3, 3]).max()
+    off += size * np.abs(placed[:3, :3] - np.eye(3)).max()
+    return found if np.array_equal(above[tree.bones], skeleton.P) and off <= _SAME * size else []
 
 
 def _moved(curves: Curves, offset: np.ndarray) -> Curves:

@@ -56,7 +56,7 @@ def test_a_half_turn_and_the_same_key_twice(rng: np.random.Generator) -> None:
 
 def test_rigid_poses_and_what_lies_between_them(rng: np.random.Generator) -> None:
     theta, move = rng.normal(size=(5, 3, 3)), rng.normal(size=(5, 3))
-    theta[:, 1] = 0.7  # one that does not turn
+    theta[:, 1] = 0  # one that does not turn
     B = forward_kinematics(C, BE, P, theta, root_translation=move)
     times = np.array([0.5, 1, 2, 2.5, 3])
     curves = curves_between(C, BE, P, times, B)
@@ -70,9 +70,19 @@ def test_rigid_poses_and_what_lies_between_them(rng: np.random.Generator) -> Non
     later = curves.shifted(0.5, 7.0)
     np.testing.assert_allclose(later.at(times + 6.5), B, atol=1e-12)
     np.testing.assert_array_equal(curves.of_bones([2, 0]).at(times), curves.at(times)[:, [2, 0]])
-    still = curves_between(C, BE, P, times[:1], B[:1])
+    single = curves_between(C, BE, P, times[:1], B[:1])
+    assert single.key_times.tolist() == [0.5]
+    np.testing.assert_allclose(single.at([0.0, 5.0]), B[[0, 0]], atol=1e-12)
+    still = curves_between(C, BE, P, times[:1], np.tile(np.eye(4), (1, 3, 1, 1)))
     assert (still.channels, len(still.key_times)) == ((), 0)
-    np.testing.assert_allclose(still.at([0.0, 5.0]), B[[0, 0]], atol=1e-12)
+    np.testing.assert_allclose(still.at([0.0, 5.0]), np.tile(np.eye(4), (2, 3, 1, 1)), atol=1e-12)
+
+
+def test_a_node_may_have_a_matrix_before_its_curves(rng: np.random.Generator) -> None:
+    curves = curves_between(C, BE, P, [0, 1], forward_kinematics(C, BE, P, rng.normal(size=(2, 3, 3))))
+    frame = np.tile(np.eye(4), (3, 1, 1))
+    frame[0, :3] = rng.normal(size=(3, 4))
+    np.testing.assert_allclose(replace(curves, frame=frame).at([0.3]), frame[0] @ curves.at([0.3]), atol=1e-12)
 
 
 def test_many_times_in_blocks(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,12 @@ import pytest
 from nilbs.characters.bundle import load_bundle
 from nilbs.characters.motion import motion_of_clips
 from nilbs.characters.saving import write_bundle
-from nilbs.geometry.curves import Curve
+from nilbs.geometry.curves import Curve, curves_between
+from nilbs.geometry.kinematics import forward_kinematics
+from nilbs.geometry.skeleton import skeleton_of_joints
 from nilbs.geometry.skinning import linear_blend_skinning
+from nilbs.io.bundle import Bundle, Clip
+from nilbs.io.bvh import read_bvh, write_bvh
 from nilbs.io.gltf import read_gltf
 from nilbs.io.gltf_writer import write_gltf
 
@@ -154,7 +158,8 @@ def test_a_far_root_with_curves_is_written_near_the_origin(tmp_path, rng):
     assert np.abs(off).max() < 1e-6
 
 
-def test_clips_of_different_nodes_are_written_with_frames_in_between(tmp_path, rng):
+@pytest.mark.parametrize("slope", [1, 0])
+def test_clips_of_different_nodes_are_written_with_frames_in_between(tmp_path, rng, slope):
     file, *_ = moving(rng)
     for node in range(9):  # no shear, which other nodes could not hold
         entry = file.root["nodes"][node]
@@ -162,7 +167,10 @@ def test_clips_of_different_nodes_are_written_with_frames_in_between(tmp_path, r
         if "matrix" in entry:
             entry["matrix"] = matrix(q=quaternion(rng)).T.ravel().tolist()
     channels = [(0, "translation"), (1, "rotation"), (2, "rotation"), (3, "rotation"), (7, "translation")]
-    curves = {key: curve(key[1], "cubicspline", rng, keys=3) for key in channels}
+    curves = {key: curve(key[1], "cubicspline", rng, keys=3) for key in channels if slope or key[1] == "translation"}
+    for c in curves.values():  # without slopes, half-way is as if it were linear
+        c.values[:, [0, 2]] *= slope
+        c.times[:] = [0, 1, 2]
     del file.root["animations"]
     animate(
         file, "a", [(n, p, "CUBICSPLINE", c.times, c.values.reshape(-1, WIDTHS[p])) for (n, p), c in curves.items()]
@@ -177,6 +185,37 @@ def test_clips_of_different_nodes_are_written_with_frames_in_between(tmp_path, r
     off = places(again, again.clips[0].curves.at(times)) - places(parts, clip.curves.at(times))
     assert np.abs(off).max() < 3e-5 * size_of(parts)
     assert len(again.clips[1].times) == len(clip.times)
+
+
+def test_clips_of_other_nodes_at_rest(tmp_path, rng):
+    s = skeleton_of_joints([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [-1, 0, 1], ["a", "b", "c"])
+    times = np.arange(4) / 8
+    theta = rng.normal(size=(4, 3, 3))
+    curves = curves_between(s.C, s.BE, s.P, times, forward_kinematics(s.C, s.BE, s.P, theta))
+    still = curves_between(s.C, s.BE, s.P, times[:1], np.tile(np.eye(4), (1, 3, 1, 1)))
+    turned = replace(still, rotation=np.array([quaternion(rng) for _ in range(3)]))
+    clips = [Clip(name, s, times, c.at(times), curves=c) for name, c in (("a", curves), ("b", turned), ("c", still))]
+    back = []
+    for order in (clips, clips[1:]):  # the first one's nodes are written; b would turn the character at rest
+        assert write_gltf(tmp_path / "a.glb", Bundle(skeleton=s, clips=tuple(order))) == ()
+        back.append(read_gltf(tmp_path / "a.glb"))
+        np.testing.assert_allclose(back[-1].skeleton.C, s.C, atol=1e-6)
+        for found, clip in zip(back[-1].clips, order, strict=True):
+            assert found.times[0] == 0
+            np.testing.assert_allclose(found.curves.at(times), clip.B, atol=1e-6)
+    np.testing.assert_array_equal(back[0].clips[0].times, times)
+
+
+def test_the_rest_pose_of_a_bvh_file_stays_when_it_is_written(tmp_path, rng):
+    s = skeleton_of_joints([[0, 0, 0], [1, 0, 0]], [-1, 0], ["a", "b"])
+    B = forward_kinematics(s.C, s.BE, s.P, rng.normal(size=(3, 2, 3)), root_translation=rng.normal(size=(3, 3)))
+    write_bvh(tmp_path / "a.bvh", Clip("a", s, np.arange(3) / 8, B))
+    parts = read_bvh(tmp_path / "a.bvh")
+    assert write_gltf(tmp_path / "a.glb", parts) == ()
+    again = read_gltf(tmp_path / "a.glb")
+    np.testing.assert_allclose(again.skeleton.C, s.C, atol=1e-6)
+    times = rng.uniform(0, 0.25, 20)
+    np.testing.assert_allclose(again.clips[0].curves.at(times), parts.clips[0].curves.at(times), atol=1e-6)
 
 
 # A rig in centimetres below an armature of scale 0.01, as Mixamo's are: rest places and turns of six joints, and the
