@@ -69,6 +69,9 @@ def add_mapping(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             option, metavar="AXIS", help=f"the axis of the motion that {what}: x, y, z, -x, -y or -z; found by default"
         )
+    parser.add_argument(
+        "--show", metavar="FILE", help="draw the skeletons of the motion and of the rig side by side, .png"
+    )
     parser.add_argument("--verbose", action="store_true", help="also show which bones follow which")
 
 

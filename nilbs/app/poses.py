@@ -5,6 +5,8 @@ import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy as np
 
     from nilbs.characters.clips import Retargeting
@@ -40,13 +42,25 @@ def notes(args: argparse.Namespace) -> "Report":
 def retargeting(args: argparse.Namespace) -> "Retargeting":
     """How the options put a motion on the character."""
     from nilbs.characters.clips import Retargeting
+    from nilbs.io import check_suffix, check_writable
 
-    return Retargeting(args.map, args.rest_frame, args.up, args.forward)
+    if args.show is None:
+        return Retargeting(args.map, args.rest_frame, args.up, args.forward)
+    check_suffix(args.show, ".png")
+    check_writable(args.show)
+
+    def show(source: "Skeleton", target: "Skeleton", bone_map: "Mapping[str, str | None]") -> None:
+        from nilbs.figures.bone_map import bone_map_figure
+
+        bone_map_figure(source, target, bone_map, args.show, title="Bones of one colour follow each other")
+
+    return Retargeting(args.map, args.rest_frame, args.up, args.forward, show)
 
 
 def retargeting_options(args: argparse.Namespace) -> dict[str, object]:
     """The options that were given of putting a motion on another rig."""
     options = {"--map": args.map, "--rest-frame": args.rest_frame, "--up": args.up, "--forward": args.forward}
+    options |= {"--show": args.show}
     return {name: value for name, value in options.items() if value is not None}
 
 

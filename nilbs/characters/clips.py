@@ -1,8 +1,8 @@
 """Clips of files as motions of the skeleton of a character."""
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from nilbs.io.errors import FileFormatError
 from nilbs.io.motion import LocalMotion, read_motion_json, read_transforms
 
 BoneMap = Mapping[str, str | None] | str | os.PathLike
+Show = Callable[[Skeleton, Skeleton, Mapping[str, str | None]], object]
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,16 @@ class Retargeting:
         `nilbs.io.bone_map.read_bone_map`.
     rest_frame, up, forward
         As for `nilbs.geometry.reference_pose.reference_pose`; a map's file may hold them too.
+    show : function, optional
+        Receives the skeleton of the motion in the pose and the axes that correspond to the character's rest pose, that
+        of the character, and the bone map.
     """
 
     bone_map: BoneMap | None = None
     rest_frame: int | None = None
     up: str | None = None
     forward: str | None = None
+    show: Show | None = field(default=None, compare=False)
 
     def read(self) -> "Retargeting":
         """The same with the bones, if there are any, and the options of the map's file."""
@@ -201,6 +206,9 @@ def _on_skeleton(clip: Clip, target: Skeleton, how: Retargeting, report: Report)
         moved = retarget(source, B, target, guessed, reference=reference)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+    if how.show is not None:
+        alike = reference.skeleton(source)
+        how.show(replace(alike, C=alike.C @ reference.axes.T), target, guessed)
     _check_finite(path, moved.B, target)
     first, *rest = bone_map_lines(source, target, guessed)
     report(f"{path.name}: {first}; {_axes(reference.axes)}; lengths are multiplied by {moved.scale:.4g}")

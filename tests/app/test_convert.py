@@ -276,3 +276,42 @@ def test_help_names_every_suffix(capsys):
     read = capsys.readouterr().out
     assert [suffix for suffix in WRITABLE if f"{suffix} " not in written and f"{suffix}," not in written] == []
     assert [suffix for suffix in READABLE if suffix not in read] == []
+
+
+def test_motions_of_another_rest_pose_stand_upright_and_are_shown(nilbs, tmp_path):
+    """The file's bones lie along x at rest; its first frame is a T."""
+    joints = {"Hips": (0, 1), "Head": (0, 1.7), "LeftArm": (0.2, 1.5), "RightArm": (-0.2, 1.5)}
+    joints |= {"LeftUpLeg": (0.1, 0.95), "RightUpLeg": (-0.1, 0.95)}
+    (tmp_path / "rig.txt").write_text(
+        "".join(f"joints {name} {x} {y} 0\n" for name, (x, y) in joints.items())
+        + "root Hips\n"
+        + "".join(f"hier Hips {name}\n" for name in joints if name != "Hips")
+    )
+    channels = "CHANNELS 3 Zrotation Yrotation Xrotation"
+    # Each joint's offset is turned to x by a quarter turn about z; frames turn it back.
+    lines = ["HIERARCHY", "ROOT Hips", "{", "OFFSET 0 1 0", channels]
+    for name, (x, y) in joints.items():
+        if name != "Hips":
+            lines += [
+                f"JOINT {name}",
+                "{",
+                f"OFFSET {y - 1} {-x} 0",
+                channels,
+                "End Site",
+                "{",
+                "OFFSET 1 0 0",
+                "}",
+                "}",
+            ]
+    lines += ["}", "MOTION", "Frames: 2", "Frame Time: 0.1", "90 0 0 " + "0 0 0 " * 5, "90 0 0 " + "0 0 0 " * 5]
+    (tmp_path / "walk.bvh").write_text("\n".join(lines) + "\n")
+    files = [tmp_path / "rig.txt", tmp_path / "walk.bvh"]
+    status, output, error = nilbs("convert", *files, "--show", tmp_path / "map.png", "-o", tmp_path / "out.bvh")
+    assert status == 0, error
+    assert "frame 0" in output
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+    clip = read_bundle(tmp_path / "out.bvh").clips[0]
+    np.testing.assert_allclose(clip.B[0], np.tile(np.eye(4), (6, 1, 1)), atol=1e-5)
+    status, _, error = nilbs("convert", tmp_path / "rig.txt", "--up", "z", "-o", tmp_path / "out.bvh")
+    assert status == 2
+    assert "--up" in error
