@@ -54,6 +54,8 @@ def _draw(panel: Axes, view: View, skeleton: Skeleton, colours: list, title: str
     for bone, colour in enumerate(colours):
         draw_bones(panel, view, skeleton.C, skeleton.BE[bone : bone + 1], colour=colour)
         if colour != ALONE:
-            panel.annotate(skeleton.names[bone], view.project(ends[bone].mean(axis=0)), fontsize=5, color=INK, zorder=6)
+            panel.annotate(
+                skeleton.names[bone], tuple(view.project(ends[bone].mean(axis=0))), fontsize=5, color=INK, zorder=6
+            )
     lower, upper = view.window(ends.reshape(-1, skeleton.d))
     plain(panel, title=title, lower=lower, upper=upper)
