@@ -8,12 +8,13 @@ import pytest
 
 from nilbs.characters.clips import FollowedCurves, Retargeting, on_skeleton
 from nilbs.characters.motion import clips_of, load_motion, motion_of_clips
+from nilbs.characters.saving import write_bundle
 from nilbs.geometry.curves import Curve, Curves, channels_of, curves_between
 from nilbs.geometry.kinematics import forward_kinematics, interpolate_poses
 from nilbs.geometry.retargeting import guess_bone_map, retarget
 from nilbs.geometry.rotations import rotation_matrices, rotation_vectors
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
-from nilbs.io.bundle import Clip
+from nilbs.io.bundle import Bundle, Clip
 from nilbs.io.motion import write_motion_json
 from nilbs.models.evaluation import evaluation_poses
 from nilbs.models.stored_curves import restored_curves, stored_curves
@@ -190,6 +191,18 @@ def test_flat_characters(rng: np.random.Generator) -> None:
     bone_map = guess_bone_map(flat, larger)
     B = np.concatenate([clip.B[:1, ..., [[0], [1], [3]], [0, 1, 3]], plane])
     np.testing.assert_allclose(followed.at(seconds=times), retarget(flat, B, larger, bone_map).B[1:], atol=1e-9)
+
+
+def test_flat_motions_are_written_with_their_curves(tmp_path: Path, rng: np.random.Generator) -> None:
+    flat, larger = limb(2, "a", "b", "c"), limb(2, "a", "b", "c", size=3)
+    clip = clip_of(flat, rng)
+    for skeleton, tolerance in ((flat, 1e-6), (larger, 1e-3)):
+        motion = motion_of_clips([clip], skeleton)
+        write_bundle(Bundle(skeleton=skeleton, clips=clips_of(motion, skeleton)), [tmp_path / "a.glb"])
+        again = load_motion(tmp_path / "a.glb", skeleton)
+        assert len(again) == len(motion) if skeleton is flat else len(again) > len(motion)
+        times = rng.uniform(0.5, clip.times[-1], 20)
+        np.testing.assert_allclose(again.at(seconds=times), motion.at(seconds=times), atol=tolerance)
 
 
 def test_a_whole_motion_is_written_with_its_curves_and_frames_that_were_taken_as_frames(

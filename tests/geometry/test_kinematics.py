@@ -292,9 +292,10 @@ def test_poses_in_single_precision_stay_together(d: int, rng: np.random.Generato
     assert np.abs(apart).max() < 1e-5
 
 
-def test_a_parent_that_shrinks_to_nothing_takes_its_children_along(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("left", [[0, 0, 0], [0, 2, 0.5]])
+def test_a_parent_that_shrinks_to_nothing_takes_its_children_along(left: list[float], rng: np.random.Generator) -> None:
     C, scale = joints(3, rng), np.ones((2, len(P), 3))
-    scale[1, 0] = 0
+    scale[1, 0] = left
     B0, B1 = forward_kinematics(C, BE, P, rotations(3, 2, rng), scale=scale)
     np.testing.assert_allclose(interpolate_poses(C, BE, P, B0, B1, 1.0), B1, atol=1e-12)
     assert np.isfinite(interpolate_poses(C, BE, P, B0, B1, 0.5)).all()

@@ -194,13 +194,17 @@ def test_clips_of_other_nodes_at_rest(tmp_path, rng):
     curves = curves_between(s.C, s.BE, s.P, times, forward_kinematics(s.C, s.BE, s.P, theta))
     still = curves_between(s.C, s.BE, s.P, times[:1], np.tile(np.eye(4), (1, 3, 1, 1)))
     turned = replace(still, rotation=np.array([quaternion(rng) for _ in range(3)]))
-    clips = [Clip(name, s, times, c.at(times), curves=c) for name, c in (("a", curves), ("b", turned), ("c", still))]
+    bent = replace(turned, rotation=np.concatenate([still.rotation[:1], turned.rotation[1:]]))
+    named = {"a": curves, "b": turned, "c": still, "d": bent}
+    clips = {name: Clip(name, s, times, c.at(times), curves=c) for name, c in named.items()}
     back = []
-    for order in (clips, clips[1:]):  # the first one's nodes are written; b would turn the character at rest
-        assert write_gltf(tmp_path / "a.glb", Bundle(skeleton=s, clips=tuple(order))) == ()
+    # The first one's nodes are written; those of b would turn the character at rest.
+    for order in ("abc", "bc", "cd", "ca"):
+        chosen = tuple(clips[name] for name in order)
+        assert write_gltf(tmp_path / "a.glb", Bundle(skeleton=s, clips=chosen)) == ()
         back.append(read_gltf(tmp_path / "a.glb"))
         np.testing.assert_allclose(back[-1].skeleton.C, s.C, atol=1e-6)
-        for found, clip in zip(back[-1].clips, order, strict=True):
+        for found, clip in zip(back[-1].clips, chosen, strict=True):
             assert found.times[0] == 0
             np.testing.assert_allclose(found.curves.at(times), clip.B, atol=1e-6)
     np.testing.assert_array_equal(back[0].clips[0].times, times)
