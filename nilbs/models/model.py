@@ -73,7 +73,7 @@ class Model:
 
     def __post_init__(self) -> None:
         self._place: dict[str, Any] = {}  # device and precision that `to` moved the field to
-        self._engines: dict[str | None, Engine | None] = {}
+        self._engines: dict[tuple[str | None, str], Engine | None] = {}
 
     @cached_property
     def field(self) -> "Field":
@@ -83,23 +83,26 @@ class Model:
         return field_of(self.character, self.method, self.parameters, self.rest, **self._place)
 
     def engine(self, mapping: str | None = None) -> Engine | None:
-        """What answers by a mapping without torch; None where the field does, or was moved to a device."""
-        if self._field_answers:
+        """What answers by a mapping without the field: arrays or compiled code, on a GPU a kernel; else None."""
+        if not self._in_single_precision:
             return None
         mapping = mapping or getattr(self.method, "mapping", None)
-        if mapping not in self._engines:
-            self._engines[mapping] = self.method.engine(self.character, self.rest, mapping)
-        return self._engines[mapping]
+        if (mapping, "cpu") not in self._engines:
+            self._engines[mapping, "cpu"] = self.method.engine(self.character, self.rest, mapping)
+        device = str(self._place.get("device", "cpu"))
+        if (mapping, device) not in self._engines:
+            from nilbs.models.torch_field import gpu_engine
+
+            self._engines[mapping, device] = gpu_engine(self._engines[mapping, "cpu"], device)
+        return self._engines[mapping, device]
 
     @property
-    def _field_answers(self) -> bool:
-        """Whether the field answers all queries: on another device, or not in single precision."""
-        device, dtype = self._place.get("device", "cpu"), self._place.get("dtype")
+    def _in_single_precision(self) -> bool:
+        """Whether the field was trained in single precision, or moved to it."""
+        dtype = self._place.get("dtype")
         if dtype is None:
-            single = all(a.dtype != np.float64 for a in self.parameters.values())
-        else:
-            single = str(dtype) == "torch.float32"
-        return not single or str(device).partition(":")[0] != "cpu"
+            return all(a.dtype != np.float64 for a in self.parameters.values())
+        return str(dtype) == "torch.float32"
 
     @cached_property
     def skinning(self) -> SparseSkinning:
@@ -250,7 +253,8 @@ class Model:
             the default mapping a point without a canonical point has the distance to the posed skin, with its
             derivatives, also as level; its canonical point is nan and has none. The compiled engine answers in the
             higher precision of x and pose; another mapping, or a field that was moved, in that of the field. The
-            methods nearest, rigid-parts and mesh-lbs have no derivatives.
+            methods nearest, rigid-parts and mesh-lbs have no derivatives. On a GPU, where neither x nor pose needs a
+            derivative, level and distance are infinite without a canonical point: nothing is left to the processor.
         """
         from nilbs.models.torch_field import differentiable_answer
 
@@ -259,7 +263,9 @@ class Model:
     def to(self, *, device: str | None = None, dtype: "torch.dtype | None" = None) -> Self:
         """Move the field to a device or a precision, in place.
 
-        On another device than the processor, or in double precision, it answers instead of the engine.
+        In double precision, or on another device than the processor, it answers instead of the compiled engine. On a
+        GPU a kernel of Triton answers the default search where no derivative is needed, as the engine does; closest
+        points of the posed skin are found by the processor. Without Triton the field answers, many times slower.
         """
         self._place |= {name: value for name, value in {"device": device, "dtype": dtype}.items() if value is not None}
         if "field" in self.__dict__:

@@ -268,7 +268,7 @@ def check_near(name: str, x: Any, x_unit: Any) -> None:
     """Raise ValueError if a point of an array or a tensor is very far away in the unit frame."""
     far = ~(abs(x_unit) < FAR).all(-1)
     if bool(far.any()):
-        i = np.argwhere(np.asarray(far))[0].tolist()
+        i = np.argwhere(np.asarray(far.cpu() if hasattr(far, "cpu") else far))[0].tolist()
         raise ValueError(f"{name}{i} = {x[tuple(i)].tolist()} is {FAR:g} times the character's size away, or more")
 
 

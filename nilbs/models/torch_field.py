@@ -11,7 +11,7 @@ from torch.autograd.function import once_differentiable
 from nilbs.characters.character import Character
 from nilbs.engine.answer import Answer
 from nilbs.engine.closest_search import ClosestPoints
-from nilbs.engine.compiled import each
+from nilbs.engine.compiled import announce, each
 from nilbs.engine.derivatives import root_gradients
 from nilbs.engine.rest_state import RestState
 from nilbs.engine.search import SearchEngine
@@ -22,6 +22,8 @@ from nilbs.methods.base import Method
 from nilbs.models.posed_model import check_near, check_pose_shape
 
 if TYPE_CHECKING:
+    from nilbs.engine.answer import Engine
+    from nilbs.fields.gpu_search import GpuSearch
     from nilbs.models.model import Model
 
 # Points that go through a field at once; bounds the memory of a query of any size.
@@ -61,6 +63,19 @@ def field_of(
 def parameters_of(field: Field) -> dict[str, np.ndarray]:
     """What a field has learned, by name."""
     return {name: tensor.cpu().numpy() for name, tensor in field.state_dict().items()}
+
+
+def gpu_engine(engine: "Engine | None", device: str) -> "GpuSearch | None":
+    """The same search as the compiled one, on a GPU; None, for the field, where there is none of it."""
+    if not isinstance(engine, SearchEngine) or device.partition(":")[0] != "cuda":
+        return None
+    from nilbs.fields.gpu_kernel import PROBLEM
+    from nilbs.fields.gpu_search import GpuSearch
+
+    if PROBLEM is not None:
+        announce(f"triton cannot be imported ({PROBLEM}): the GPU answers by torch, many times slower")
+        return None
+    return GpuSearch(engine, device)
 
 
 class TorchEngine:
@@ -149,9 +164,11 @@ def differentiable_answer(model: "Model", x: Tensor, pose: Tensor, mapping: str 
         letters = f"(p, n, d) = ({poses[0]}, n, {d})" if poses else f"(n, {d})"
         raise ValueError(f"x must be {letters}, got {tuple(x.shape)}")
     model.method.check_mapping(mapping)
-    engine = model.engine(mapping)
+    engine: Any = model.engine(mapping)
     if isinstance(engine, SearchEngine):
         return _engine_answer(model, engine, x, pose)
+    if hasattr(engine, "device") and not (torch.is_grad_enabled() and (x.requires_grad or pose.requires_grad)):
+        return _gpu_answer(model, engine, x, pose)
     frame, as_field = UnitFrame(c, pose), like(model.field)
     x_unit, B = frame.points(x.to(pose)).to(as_field), frame.B.to(as_field)
     center = torch.as_tensor(c.center).to(as_field)
@@ -177,6 +194,19 @@ def _engine_answer(model: "Model", engine: SearchEngine, x: Tensor, pose: Tensor
     center = torch.as_tensor(c.center)
     level, distance, x_rest, width = Answer(distance, distance, x_rest, engine.width).in_mesh_units(c.L, center)
     return Answer(level.to(precision), distance.to(precision), x_rest.to(precision), width)
+
+
+def _gpu_answer(model: "Model", engine: "GpuSearch", x: Tensor, pose: Tensor) -> Answer[Tensor]:
+    """The answer of a GPU at points and in poses whose shapes fit; nothing waits for it but the checks."""
+    frame, x = UnitFrame(model.character, pose.to("cpu", torch.float64)), x.to(engine.device, torch.float64)
+    move = frame.to_unit.to(x)
+    x_unit = x @ move[..., :-1].mT + move[..., None, :, -1]
+    check_near("x", x, x_unit)
+    distance, x_rest = (torch.empty(shape, device=x.device) for shape in (x.shape[:-1], x.shape))
+    for k in np.ndindex(tuple(pose.shape[:-3])):
+        distance[k], x_rest[k] = engine(frame.B[k].numpy()).roots(x_unit[k])
+    center = torch.as_tensor(model.character.center).to(x_rest)
+    return Answer(distance, distance, x_rest, engine.engine.width).in_mesh_units(model.character.L, center)
 
 
 class _Outside(NamedTuple):
