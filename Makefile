@@ -13,16 +13,20 @@ BLENDER ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/nilbs/bpy-$(BPY)
 # The model that `make bench` times.
 BENCH := out/bench/$(if $(NILBS_DATA),elephant,gingerbread).nilbs
 
-.PHONY: help demo test lint docs format study bench blender bpy wheel clean
+.PHONY: help demo test test-gpu lint docs format study bench blender bpy wheel clean
 
 help: ## this list
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
 
 demo: $(VENV)/.ready ## the gingerbread man from nothing to scores and pictures in out/demo
 	$(BIN)/nilbs demo --out out/demo
 
 test: lint ## lint, types and all tests; geometry and io must be covered (UNIT=1: without the tests that train)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal --durations 25 $(MARKS) --cov --cov-report=term:skip-covered
+
+test-gpu: $(VENV)/.ready-test ## the search on a GPU, or where there is none its code interpreted; installs Triton (200 MB, Linux)
+	$(BIN)/python $(PIP) triton
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/fields/test_gpu_search.py tests/race/test_contestants.py
 
 lint: $(VENV)/.ready-test ## ruff and mypy
 	$(BIN)/ruff check .
