@@ -1,7 +1,9 @@
 """Contestants of this package."""
 
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +12,8 @@ from nilbs.models.posed_model import PosedModel
 from nilbs.race.contestants import DISTANCE, OCCUPANCY, Kind
 
 ENGINE, BATCHES, NETWORK = "nilbs", "nilbs, poses together", "nilbs, network alone"
-TORCH, GPU = "nilbs, torch", "nilbs, torch on a GPU"
+TORCH, TORCH_ON_GPU = "nilbs, torch", "nilbs, torch on a GPU"
+GPU, GPU_ALONE = "nilbs on a GPU", "nilbs on a GPU, points there"
 _NONE = np.empty((0, 3))
 
 
@@ -65,12 +68,45 @@ class Batches(Own):
         return self.model.occupancy(x, B) > 0.5
 
 
+class OnGpu(Own):
+    """A model on a GPU, searched by the kernel."""
+
+    device = "cuda"
+
+    def __init__(self, model: Model, quantity: str, threads: int) -> None:
+        super().__init__(model, quantity, threads)
+        self.model = replace(model).to(device=self.device)
+
+
+class AloneOnGpu(OnGpu):
+    """The same at points that lie on the GPU before the clock starts; occupancies are moved back."""
+
+    def points(self, x: np.ndarray) -> Any:
+        """The points on the device, in single precision."""
+        import torch
+
+        return torch.as_tensor(x, dtype=torch.float32, device=self.device)
+
+    def pose(self, B: np.ndarray) -> None:
+        """Keep the pose: what it takes is computed with the query."""
+        self.B = B
+
+    def query(self, x: Any) -> np.ndarray:
+        """Whether each point is inside."""
+        import torch
+
+        with torch.inference_mode():
+            return (self.model.answer(x, torch.from_numpy(self.B)).level < 0).cpu().numpy()
+
+
 KINDS = (
     Kind(ENGINE, (OCCUPANCY, DISTANCE), Own, note="the model's default; exact lengths from a tree of the posed mesh"),
     Kind(BATCHES, (OCCUPANCY, DISTANCE), Batches, note="the same, with the poses of a block in one call", streams=True),
     Kind(NETWORK, (OCCUPANCY,), partial(Own, mapping="inverse"), note="the paper's inverse map, by torch"),
     Kind(TORCH, (OCCUPANCY,), partial(Own, device="cpu"), note="the same search in torch, which has derivatives"),
-    Kind(GPU, (OCCUPANCY,), partial(Own, device="cuda"), note="the same; points and answers are moved to and fro"),
+    Kind(TORCH_ON_GPU, (OCCUPANCY,), partial(Own, device="cuda"), note="the same; points and answers are moved"),
+    Kind(GPU, (OCCUPANCY,), OnGpu, note="one kernel of Triton; points and answers are moved to and fro"),
+    Kind(GPU_ALONE, (OCCUPANCY,), AloneOnGpu, note="the same; points are there before, and answers are moved"),
 )
 
 
@@ -82,10 +118,15 @@ def missing(kind: Kind, model: Model) -> str | None:
         return "the model is queried in torch anyway"
     if kind.name != ENGINE and find_spec("torch") is None:
         return "not installed: pip install torch"
-    if kind.name == GPU:
+    if kind.name in (TORCH_ON_GPU, GPU, GPU_ALONE):
         import torch
 
-        return None if torch.cuda.is_available() else "there is no GPU"
+        if not torch.cuda.is_available():
+            return "there is no GPU"
+    if kind.name in (GPU, GPU_ALONE) and model.engine() is None:
+        return "the model is queried in torch anyway"
+    if kind.name in (GPU, GPU_ALONE) and find_spec("triton") is None:
+        return "not installed: pip install triton"
     return None
 
 
