@@ -8,7 +8,7 @@ from nilbs.app.descriptions import mesh_of, outline
 from nilbs.characters.character import in_dimension
 from nilbs.geometry.facets import seamless
 from nilbs.geometry.orientation import coherent_orientation
-from nilbs.geometry.rig_diagnosis import rig_report
+from nilbs.geometry.rig_diagnosis import rig_report, tips
 from nilbs.geometry.rig_weights import check_rig_fits
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import listed
@@ -19,9 +19,9 @@ from nilbs.io.motion import LocalMotion
 def disagreements(files: Mapping[str, Bundle], points: Mapping[str, np.ndarray], group: str | None = None) -> list[str]:
     """A sentence, with the names of the files, on everything in them that does not fit together."""
     rigs = {path: bundle.skeleton for path, bundle in files.items() if bundle.skeleton is not None}
-    if not all(map(_is_motion_file, rigs)):
+    if not all(files[path].is_motion for path in rigs):
         # The skeleton of a motion is mapped onto the rig: it need not fit the rest.
-        rigs = {path: skeleton for path, skeleton in rigs.items() if not _is_motion_file(path)}
+        rigs = {path: skeleton for path, skeleton in rigs.items() if not files[path].is_motion}
     meshes = {path: bundle.mesh for path, bundle in files.items() if bundle.mesh is not None}
     problems: list[str] = []
 
@@ -51,10 +51,6 @@ def disagreements(files: Mapping[str, Bundle], points: Mapping[str, np.ndarray],
                 found(other, path, ["no bone of the motion has the name of one of the rig: it will take a map"])
             found(other, path, _motion_of_rig(bundle.motion, skeleton))
     return list(dict.fromkeys(problems))
-
-
-def _is_motion_file(path: str) -> bool:
-    return path.lower().endswith(".bvh")
 
 
 def _weights_of_mesh(weights: Influences, bundle: Bundle, n: int, chosen: int) -> list[str]:
@@ -95,9 +91,12 @@ def _rig_of_mesh(skeleton: Skeleton, V: np.ndarray, E: np.ndarray) -> list[str]:
     if problems:
         return problems
     k, b = len(np.unique(skeleton.BE)), len(skeleton.BE)
-    if len(report.outside):
-        problems.append(f"{len(report.outside)} of {k} joints lie outside the mesh, joint {report.outside[0]} first")
-    if len(report.without_volume):
-        bones = listed([skeleton.names[bone] for bone in report.without_volume])
-        problems.append(f"{len(report.without_volume)} of {b} bones have no part inside the mesh: {bones}")
+    marks = tips(skeleton)
+    outside = np.setdiff1d(report.outside, skeleton.BE[marks])
+    without_volume = np.setdiff1d(report.without_volume, marks)
+    if len(outside):
+        problems.append(f"{len(outside)} of {k} joints lie outside the mesh, joint {outside[0]} first")
+    if len(without_volume):
+        bones = listed([skeleton.names[bone] for bone in without_volume])
+        problems.append(f"{len(without_volume)} of {b} bones have no part inside the mesh: {bones}")
     return problems

@@ -11,7 +11,7 @@ from nilbs.characters.bundle import errors_of, whole_or_group
 from nilbs.geometry.facets import components
 from nilbs.geometry.kinematics import local_rotations, rms_rotation
 from nilbs.geometry.plane import in_space, is_flat
-from nilbs.geometry.rig_diagnosis import coincident_joints
+from nilbs.geometry.rig_diagnosis import coincident_joints, tips
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.volume import boundary_facets, element_volumes
 from nilbs.io.bundle import Bundle, Influences, Mesh
@@ -50,7 +50,7 @@ def describe(path: str, bundle: Bundle, rig: Skeleton | None, *, group: str | No
     if weights is not None:
         bones = skeleton or rig
         shape = None if mesh is None else len(mesh.V), None if bones is None else len(bones.BE)
-        add("weights", partial(_weights, weights, *(weights.shape or shape)))
+        add("weights", partial(_weights, weights, *(weights.shape or shape), bones))
     for clip in bundle.clips:
         seconds = float(np.ptp(clip.times)) if len(clip.B) else 0
         add("motion", partial(_transforms, clip.B, clip.skeleton, name=clip.name, seconds=seconds))
@@ -107,7 +107,7 @@ def _mesh(V: np.ndarray, E: np.ndarray, problems: list[str]) -> dict[str, Any]:
 
 
 def _rig(skeleton: Skeleton, problems: list[str]) -> dict[str, Any]:
-    C, BE, names = skeleton.C, skeleton.BE, skeleton.names
+    C, BE, names, points = skeleton.C, skeleton.BE, skeleton.names, skeleton.points
     extent = np.ptp(C, axis=0).max()
     long = np.flatnonzero(BE[:, 0] != BE[:, 1])  # rigs whose bones are joints end in joints without length
     length = np.linalg.norm(C[BE[long, 1]] - C[BE[long, 0]], axis=1)
@@ -116,22 +116,25 @@ def _rig(skeleton: Skeleton, problems: list[str]) -> dict[str, Any]:
     if len(unused):
         problems.append(f"{len(unused)} joints belong to no bone, joint {unused[0]} first")
     joints = np.concatenate([segments, np.stack([BE[skeleton.P[skeleton.P >= 0], 0], BE[skeleton.P >= 0, 0]], axis=1)])
-    pieces = components(joints, len(C))
+    pieces = components(joints, len(C)) - len(points)  # a point handle is a piece of its own
     if pieces > 1:
         problems.append(f"the rig is {pieces} separate skeletons")
-    if len(long) and length.min() < _SHORT_BONE * extent:
-        bone = int(long[length.argmin()])
+    marks = tips(skeleton)
+    own = np.where(np.isin(long, marks), np.inf, length)
+    if own.min(initial=np.inf) < _SHORT_BONE * extent:
+        bone = int(long[own.argmin()])
         named = "" if names[bone] == f"bone{bone}" else f" ({names[bone]})"
-        problems.append(f"bone {bone}{named} is very short: {length.min():.3g}")
-    joined = coincident_joints(skeleton)
+        problems.append(f"bone {bone}{named} is very short: {own.min():.3g}")
+    joined = np.setdiff1d(coincident_joints(skeleton), BE[marks])
     if len(joined):
         problems.append(f"{len(joined)} joints lie on another joint, joint {joined[0]} first")
     return {
         "d": 2 if is_flat(C) else 3,
         "joints": len(C),
-        "bones": len(BE),
-        "roots": int((skeleton.P < 0).sum()),
-        "bones_without_length": len(BE) - len(long),
+        "bones": len(BE) - len(points),
+        **({"point_handles": len(points)} if len(points) else {}),
+        "roots": int((skeleton.P < 0).sum()) - len(points),
+        "bones_without_length": len(BE) - len(long) - len(points),
         "shortest_bone": length.min() if len(long) else None,
         "longest_bone": length.max() if len(long) else None,
         "lower": C.min(axis=0),
@@ -140,8 +143,10 @@ def _rig(skeleton: Skeleton, problems: list[str]) -> dict[str, Any]:
     }
 
 
-def _weights(painted: Influences, n: int | None, b: int | None, problems: list[str]) -> dict[str, Any]:
-    """Weights of n vertices and b bones; None if nothing gives their number."""
+def _weights(
+    painted: Influences, n: int | None, b: int | None, rig: Skeleton | None, problems: list[str]
+) -> dict[str, Any]:
+    """Weights of n vertices and the b bones of a rig; None if nothing gives their number, or there is no rig."""
     weighted = np.flatnonzero(painted.weight)
     vertices, row = np.unique(painted.vertex, return_inverse=True)
     if not len(vertices):
@@ -162,6 +167,8 @@ def _weights(painted: Influences, n: int | None, b: int | None, problems: list[s
         first = int(np.setdiff1d(np.arange(n), vertices)[0])
         problems.append(f"{n - len(vertices)} of {n} vertices have no weight, vertex {first} first")
     idle = np.setdiff1d(np.arange(b or 0), painted.bone[weighted])
+    if rig is not None:
+        idle = np.setdiff1d(idle, tips(rig))
     if len(idle):
         problems.append(f"{len(idle)} bones move no vertex, bone {idle[0]} first")
     values = {"min": low, "max": high, "row_sums": [sums.min(), sums.max()], "row_sum_error": error.max()}
@@ -234,7 +241,7 @@ def describe_model(path: str, model: "Model") -> dict[str, Any]:
         "d": c.d,
         "mesh": {"vertices": len(c.V), **describe_surface(c.V, c.F, problems, used=used)},
         "rig": _rig(c.skeleton, problems),
-        "weights": _weights(Influences.of_matrix(c.W), len(c.W), c.W.shape[1], problems),
+        "weights": _weights(Influences.of_matrix(c.W), len(c.W), c.W.shape[1], c.skeleton, problems),
         "volume": {"vertices": len(c.V_volume), "elements": len(c.T)},
         "motion": {**motion, **_rigidity(model.motion.B, problems)},
         "training": {**model.config, "final_loss": model.history[-100:].mean() if len(model.history) else None},

@@ -46,19 +46,23 @@ def add_motion(parser: argparse.ArgumentParser, otherwise: str) -> None:
     parser.add_argument(
         "--motion",
         metavar="FILE",
-        help=f"a motion, .dmat, .json, .bvh, .glb, .gltf or .fbx; {otherwise} by default",
+        help=f"a motion, .dmat, .json, .bvh, .npz of AMASS, .glb, .gltf or .fbx; {otherwise} by default",
     )
     add_mapping(parser)
 
 
 def add_mapping(parser: argparse.ArgumentParser) -> None:
-    """Add --map, --clip, --rest-frame, --up, --forward and --verbose: how the motion of a file moves the rig."""
+    """Add the options of how the motion of a file is read, and how it moves the rig."""
     parser.add_argument(
         "--map",
         metavar="FILE",
         help="bone map, .json: the bone of the motion that each bone of the rig follows",
     )
-    parser.add_argument("--clip", metavar="NAME", help="the motion to use, if the file holds several; all by default")
+    parser.add_argument(
+        "--clip",
+        metavar="NAME",
+        help="the motion to use, if the file holds several: its name, or a part that no other has; all by default",
+    )
     parser.add_argument(
         "--rest-frame",
         type=int,
@@ -73,6 +77,16 @@ def add_mapping(parser: argparse.ArgumentParser) -> None:
         "--show", metavar="FILE", help="draw the skeletons of the motion and of the rig side by side, .png"
     )
     parser.add_argument("--verbose", action="store_true", help="also show which bones follow which")
+    add_positions(parser)
+
+
+def add_positions(parser: argparse.ArgumentParser) -> None:
+    """Add --positions: what the positions of a .bvh file mean."""
+    parser.add_argument(
+        "--positions",
+        choices=("auto", "add", "replace"),
+        help="of a .bvh file: add positions to the OFFSETs of its joints, or replace these; by default the data decide",
+    )
 
 
 def add_pose(parser: argparse.ArgumentParser) -> None:

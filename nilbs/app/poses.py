@@ -1,4 +1,4 @@
-"""The motion that `--motion FILE --map FILE --clip NAME` names, and its pose at `--frame K` or `--time SECONDS`."""
+"""The motion that `--motion FILE`, with --map, --clip and --positions, names, and its pose at a frame or a time."""
 
 import argparse
 import sys
@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 def print_note(line: str) -> None:
     """Print a note on standard error."""
     print(f"nilbs: {line}", file=sys.stderr)
+
+
+def bvh_positions(args: argparse.Namespace, *paths: str) -> str:
+    """How the positions of .bvh files are read; refused if it is asked for and none of the files is one."""
+    if args.positions is not None and not any(path.lower().endswith(".bvh") for path in paths):
+        raise ValueError("--positions is for the positions of a .bvh file, and there is none")
+    return args.positions or "auto"
 
 
 def notes(args: argparse.Namespace) -> "Report":
@@ -66,15 +73,17 @@ def retargeting_options(args: argparse.Namespace) -> dict[str, object]:
 
 def _motion_options(args: argparse.Namespace) -> dict[str, object]:
     """The options that were given of a motion's file."""
-    return {**({} if args.clip is None else {"--clip": args.clip}), **retargeting_options(args)}
+    options = {"--clip": args.clip, "--positions": args.positions, **retargeting_options(args)}
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def motion_of_file(args: argparse.Namespace, skeleton: "Skeleton") -> "Motion":
     """The motion of a skeleton in the file of `--motion`."""
     from nilbs.characters.motion import load_motion
 
+    positions = bvh_positions(args, args.motion, *getattr(args, "files", ()))
     how = vars(retargeting(args))
-    return load_motion(args.motion, skeleton, clip=args.clip, report=notes(args), **how)
+    return load_motion(args.motion, skeleton, clip=args.clip, positions=positions, report=notes(args), **how)
 
 
 def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | None":
@@ -84,7 +93,7 @@ def training_motion(args: argparse.Namespace, bundle: "Bundle") -> "Motion | Non
 
     _, skeleton = rigged(bundle)
     if args.motion is None and (args.random or not bundle.clips):
-        for option in _motion_options(args):
+        for option in [name for name in _motion_options(args) if name != "--positions"]:  # a rig may be a .bvh, too
             why = "the motion is random" if args.random else "no file brings one"
             raise ValueError(f"{option} is for the motion of a file, and {why}")
         return None

@@ -16,7 +16,7 @@ from nilbs.geometry.simplex import weights_on_simplex
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.bundle import Bundle, Clip, Influences, Mesh, select_group
 from nilbs.io.errors import FileFormatError
-from nilbs.io.registry import MESHES, RIGS, read_bundle
+from nilbs.io.registry import MESHES, RIGS, WHOLE, needs_rig, read_bundle
 from nilbs.io.weights import read_weights
 
 _SAME_PLACE = 1e-4  # of the mesh's size: how far vertices of two files may lie apart and still be the same
@@ -28,6 +28,7 @@ def load_character(
     weights: str | Path | None = None,
     group: str | None = None,
     solve: bool = False,
+    positions: str = "auto",
     progress: bool = False,
     report: Report | None = None,
 ) -> Character:
@@ -46,6 +47,8 @@ def load_character(
         The group or object of the mesh that is the character; all of it by default. Vertices of other groups go.
     solve : bool
         Solve for weights even where the rig's file has some.
+    positions : "auto", "add" or "replace"
+        Whether the positions of a `.bvh` file are added to its OFFSETs or take their place; by default the data decide.
     progress : bool
         Show progress on standard error.
     report : function of str, optional
@@ -71,7 +74,7 @@ def load_character(
     >>> load_character(*write_gingerbread(tempfile.mkdtemp(), 2)).W.shape[1]
     13
     """
-    bundle = load_bundle(paths, weights=weights, group=group, solve=solve, report=report)
+    bundle = load_bundle(paths, weights=weights, group=group, solve=solve, positions=positions, report=report)
     return character_of(bundle, progress=progress, report=report)
 
 
@@ -82,6 +85,7 @@ def load_animated(
     weights: str | Path | None = None,
     group: str | None = None,
     solve: bool = False,
+    positions: str = "auto",
     progress: bool = False,
     report: Report | None = None,
 ) -> tuple[Character, Motion]:
@@ -92,10 +96,10 @@ def load_animated(
     *paths : path
         As for `load_character`, and files of motions. Motions are those of all files but the rig's, else its own.
     clip : str, optional
-        Name of the one motion to take; all by default, one after the other.
+        Name of the one motion to take, or a part that only it has; all by default, one after the other.
     bone_map : mapping or path, optional
         As for `nilbs.load_motion`.
-    weights, group, solve, progress, report
+    weights, group, solve, positions, progress, report
         As for `load_character`.
 
     Returns
@@ -118,7 +122,7 @@ def load_animated(
     >>> character.W.shape[1], len(motion)
     (2, 5)
     """
-    bundle = load_bundle(paths, weights=weights, group=group, solve=solve, report=report)
+    bundle = load_bundle(paths, weights=weights, group=group, solve=solve, positions=positions, report=report)
     _, skeleton = rigged(bundle)
     if not bundle.clips:
         raise ValueError(f"{' and '.join(bundle.taken)}: there is no motion")
@@ -126,17 +130,22 @@ def load_animated(
     return character_of(bundle, progress=progress, report=report), motion
 
 
-def read_files(paths: Sequence[str | Path]) -> dict[str, Bundle]:
+def read_files(paths: Sequence[str | Path], *, positions: str = "auto") -> dict[str, Bundle]:
     """Each file as a bundle of its own, in the order given; files that need a mesh or a rig are read after those."""
     found: dict[str, Bundle] = {}
-    for path in sorted(map(str, paths), key=lambda path: _AFTER_OTHERS.get(Path(path).suffix.lower(), 0)):
+    for path in sorted(map(str, paths), key=_turn):
         if path not in found:
             mesh = next((found[other].mesh for other in _holders(found, "mesh")), None)
             rig = next((found[other].skeleton for other in _holders(found, "skeleton")), None)
             V, names = None if mesh is None else in_space(mesh.V), None if rig is None else rig.names
-            bundle = read_bundle(path, V=V, names=names)
+            bundle = read_bundle(path, V=V, names=names, rig=rig, positions=positions)
             found[path] = replace(bundle, clips=tuple(replace(clip, file=path) for clip in bundle.clips))
     return {path: found[path] for path in map(str, paths)}
+
+
+def _turn(path: str) -> int:
+    """When a file is read: 0 if it needs no other."""
+    return 3 if needs_rig(path) else _AFTER_OTHERS.get(Path(path).suffix.lower(), 0)
 
 
 def load_bundle(
@@ -145,11 +154,12 @@ def load_bundle(
     weights: str | Path | None = None,
     group: str | None = None,
     solve: bool = False,
+    positions: str = "auto",
     report: Report | None = None,
 ) -> Bundle:
     """What files hold of one character, fitted together; anything may be missing. Arguments as for `load_character`."""
     by_name = weights is not None and Path(weights).suffix.lower() == ".mhw"
-    files = read_files([*paths, weights] if weights is not None and by_name else paths)
+    files = read_files([*paths, weights] if weights is not None and by_name else paths, positions=positions)
     if weights is not None and not by_name:
         files[str(weights)] = Bundle(influences=Influences.of_matrix(read_weights(weights)))
     return fit_together(files, group=group, solve=solve, report=report)
@@ -175,9 +185,9 @@ def fit_together(
     """One bundle of what files hold.
 
     A mesh is taken from a file of a mesh alone, if there is one, else from one that holds more; so is a rig, and of
-    files that hold more, that of the mesh comes first and a `.bvh` last. Weights, with rows on the simplex, are those
-    of a file of weights alone, else those in the rig's file; with `solve` there are none. Motions are those of all
-    files but the rig's, else its own.
+    files that hold more, that of the mesh comes first and that of a motion last. Weights, with rows on the simplex, are
+    those of a file of weights alone, else those in the rig's file; with `solve` there are none. Motions are those of
+    all files but the rig's, else its own.
     """
     report = report or silent
     mesh_file, rig_file, weights_file = (_chosen(files, part) for part in ("mesh", "skeleton", "influences"))
@@ -272,7 +282,9 @@ def _rank(files: Mapping[str, Bundle], part: str, path: str) -> int:
         return 0 if suffix in MESHES else 1
     if part == "skeleton":
         with_mesh = path in _holders(files, "mesh")[:1]
-        return 0 if suffix in RIGS else 3 if suffix == ".bvh" else 1 if with_mesh else 2
+        if files[path].is_motion:
+            return 3 if suffix in WHOLE else 4
+        return 0 if suffix in RIGS else 1 if with_mesh else 2
     return 0
 
 

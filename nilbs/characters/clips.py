@@ -1,8 +1,10 @@
 """Clips of files as motions of the skeleton of a character."""
 
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from difflib import SequenceMatcher
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +59,7 @@ class Retargeting:
 
 
 FPS = 24  # frames a second of a motion without times
+_LIKE = 0.6  # of `_likeness`: names that may be meant
 _SAME_PLACE = 1e-4  # of the skeleton's size: joints that are nearer are the same
 
 
@@ -149,15 +152,46 @@ def _check_finite(path: Path, B: np.ndarray, skeleton: Skeleton) -> None:
 
 
 def clips_named(clips: Sequence[Clip], name: str | None) -> tuple[Clip, ...]:
-    """The clips of a name, or all, that have a frame; an error if there is none."""
+    """The clips of a name, or of the only name with this part in any case, or all; an error if none has a frame."""
     files = " and ".join(dict.fromkeys(clip.file for clip in clips))
-    named = [clip for clip in clips if name in (None, clip.name)]
-    if not named:
-        raise FileFormatError(files, f"there is no motion {name!r}, but {listed([repr(clip.name) for clip in clips])}")
+    names = list(dict.fromkeys(clip.name for clip in clips))
+    meant = names if name is None else _names_meant(name, names)
+    if name is not None and len(meant) != 1:
+        if meant:
+            raise FileFormatError(files, f"{len(meant)} motions have {name!r} in their names: {_quoted(meant)}")
+        near = {other: _likeness(name, other) for other in names}
+        best = max(near, key=lambda other: near[other])
+        nearest = f" (the nearest: {best!r})" if near[best] > _LIKE else ""
+        ranked = sorted(names, key=lambda other: near[other] < _LIKE or -near[other])
+        raise FileFormatError(files, f"there is no motion {name!r}, but {_quoted(ranked)}{nearest}")
+    named = [clip for clip in clips if clip.name in meant]
     chosen = tuple(clip for clip in named if len(clip.B))
     if not chosen:
         raise FileFormatError(files, f"the motion {named[0].name!r} has no frame")
     return chosen
+
+
+def _names_meant(name: str, names: Sequence[str]) -> list[str]:
+    """The names that are as given; else those that differ in case alone; else those that have it as a part.
+
+    Examples
+    --------
+    >>> _names_meant("walk", ["Armature|Walk_01", "Armature|Run"]), _names_meant("run", ["Run", "RunFast"])
+    (['Armature|Walk_01'], ['Run'])
+    """
+    low = name.casefold()
+    same, alike = ([other for other in names if found(other)] for found in (name.__eq__, lambda o: o.casefold() == low))
+    return same or alike or [other for other in names if low in other.casefold()]
+
+
+def _likeness(name: str, other: str) -> float:
+    """How alike a name is to another or to a word of it, from 0 to 1."""
+    words = [other, *re.split(r"[\W_]+", other)]
+    return max(SequenceMatcher(None, name.casefold(), word.casefold()).ratio() for word in words)
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return listed([repr(name) for name in names])
 
 
 def on_skeleton(

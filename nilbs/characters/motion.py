@@ -8,7 +8,7 @@ import numpy as np
 
 from nilbs.characters import AMPLITUDE, FRAMES
 from nilbs.characters.character import Character
-from nilbs.characters.clips import FPS, BoneMap, Retargeting, clips_named, on_skeleton, own_clip
+from nilbs.characters.clips import FPS, BoneMap, Retargeting, Show, clips_named, on_skeleton, own_clip
 from nilbs.characters.report import Report, silent
 from nilbs.geometry.curves import PosesOverTime
 from nilbs.geometry.kinematics import (
@@ -271,6 +271,8 @@ def load_motion(
     rest_frame: int | None = None,
     up: str | None = None,
     forward: str | None = None,
+    positions: str = "auto",
+    show: Show | None = None,
     report: Report | None = None,
 ) -> Motion:
     """Load a motion, and put it on a character if it was made for another.
@@ -279,12 +281,14 @@ def load_motion(
     ----------
     path : path
         Transforms of the character's bones (`.dmat`), local motions by their names (`.json`), or a file with a skeleton
-        of its own: `.bvh`, `.glb`, `.gltf`, `.fbx`. Where that has the character's names and joints its transforms are
-        taken as they are; else its motion is put on the character, see `nilbs.geometry.retargeting.retarget`.
+        of its own: `.bvh`, `.glb`, `.gltf`, `.fbx`, `.npz` of AMASS. Where that has the character's names and joints
+        its transforms are taken as they are; else its motion is put on the character, see
+        `nilbs.geometry.retargeting.retarget`.
     character : Character or Skeleton
         Whose bones move.
     clip : str, optional
-        Name of the motion, in a file with several; all by default, one after the other.
+        Name of the motion, in a file with several, or a part that only one name has; all by default, one after the
+        other.
     bone_map : mapping or path, optional
         For bones of the character, by name, the bones of the file that they follow, or a JSON file of these, see
         `nilbs.io.bone_map.read_bone_map`. Guessed by default.
@@ -292,6 +296,10 @@ def load_motion(
         The frame of the file that is like the character's rest pose, -1 for the file's own rest pose. Found by default.
     up, forward : str, optional
         The file's axes, such as "z" or "-y", that point up, and to where its body looks. Found by default.
+    positions : "auto", "add" or "replace"
+        Whether the positions of a `.bvh` file are added to its OFFSETs or take their place; by default the data decide.
+    show : function, optional
+        As for `nilbs.characters.clips.Retargeting`.
     report : function of str, optional
         Receives a line on each decision that the files left open.
 
@@ -329,13 +337,13 @@ def load_motion(
                     path, f"a {path.suffix} file moves the character's own bones: there is no {what} to choose"
                 )
         return motion_of_clips([own_clip(path, skeleton)], skeleton)
-    bundle = read_bundle(path)
+    bundle = read_bundle(path, rig=skeleton, positions=positions)
     for note in bundle.notes:
         report(f"{path.name}: {note}")
     if not bundle.clips:
         raise FileFormatError(path, "the file holds no motion")
     clips = [replace(found, file=str(path)) for found in bundle.clips]
-    how = Retargeting(bone_map, rest_frame, up, forward)
+    how = Retargeting(bone_map, rest_frame, up, forward, show)
     return motion_of_clips(clips, skeleton, clip=clip, how=how, report=report)
 
 

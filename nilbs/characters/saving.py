@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from nilbs.characters.character import Character
+from nilbs.characters.clips import FPS
 from nilbs.characters.motion import Motion, clips_of
 from nilbs.geometry.plane import in_space, transforms_in_space
 from nilbs.geometry.validation import listed
@@ -145,15 +146,21 @@ def _write(path: Path, b: Bundle) -> tuple[tuple[str, ...], tuple[str, ...]]:
         from nilbs.io.bvh import write_bvh
 
         if b.clips:
-            return ("rig", "motion"), write_bvh(path, _motion(b))
+            motion, joined = _motion(b)
+            try:
+                return ("rig", "motion"), (*joined, *write_bvh(path, motion))
+            except ValueError as error:
+                choose = f"; or choose one of {listed([clip.name for clip in b.clips])}" if joined else ""
+                raise ValueError(f"{error}{choose}") from None
         skeleton = _needed(b.skeleton, "rig")
         rest = np.tile(np.eye(4), (1, len(skeleton.BE), 1, 1))
         return ("rig",), write_bvh(path, Clip("rest", skeleton, np.zeros(1), rest))
     if suffix == ".dmat" and _holds_motion(path, b):
         from nilbs.io.motion import write_transforms
 
-        write_transforms(path, _motion(b).B)
-        return ("motion",), ("a .dmat file holds no times",)
+        motion, joined = _motion(b)
+        write_transforms(path, motion.B)
+        return ("motion",), (*joined, "a .dmat file holds no times")
     from nilbs.io.weights import write_weights
 
     write_weights(path, _matrix(b))
@@ -178,11 +185,21 @@ def _matrix(b: Bundle) -> np.ndarray:
     return influences.dense(*influences.shape, "the weights")
 
 
-def _motion(b: Bundle) -> Clip:
-    if len(b.clips) > 1:
-        names = listed([clip.name for clip in b.clips])
-        raise ValueError(f"it holds one motion, and there are {len(b.clips)}: choose one of {names}")
-    return _needed(next(iter(b.clips), None), "motion")
+def _motion(b: Bundle) -> tuple[Clip, tuple[str, ...]]:
+    """The motion of a file that holds one: of several, all, one after the other; and a note if so."""
+    first = _needed(next(iter(b.clips), None), "motion")
+    if len(b.clips) == 1:
+        return first, ()
+    times, start = [], 0.0
+    for clip in b.clips:
+        if clip.skeleton.names != first.skeleton.names:
+            raise ValueError(f"it holds one skeleton, and {first.name!r} and {clip.name!r} are of different ones")
+        times.append(clip.times - clip.times[:1] + start)
+        step = np.ptp(clip.times) / (len(clip.times) - 1) if len(clip.times) > 1 else 1 / FPS
+        start = times[-1][-1] + step if len(clip.times) else start
+    names = listed([clip.name for clip in b.clips])
+    note = f"it holds one motion: all {len(b.clips)} were written, one after the other ({names}); --clip chooses one"
+    return replace(first, times=np.concatenate(times), B=np.concatenate([clip.B for clip in b.clips])), (note,)
 
 
 def _holds_motion(path: Path, b: Bundle) -> bool:

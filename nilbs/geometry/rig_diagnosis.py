@@ -6,6 +6,8 @@ from itertools import permutations, product
 
 import numpy as np
 
+from nilbs.geometry.bone_names import marks_end
+from nilbs.geometry.kinematics import bone_order
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.topology import group_labels
 from nilbs.geometry.validation import arrays
@@ -57,6 +59,23 @@ def rig_report(V: np.ndarray, F: np.ndarray, skeleton: Skeleton) -> RigReport:
         without_volume=np.flatnonzero(~partly),
         suggestion=frame_suggestion(V, F, C[joints]),
     )
+
+
+def tips(skeleton: Skeleton) -> np.ndarray:
+    """Bones (t,) that exporters add where others end: they are called so, as is all that hangs from them.
+
+    Examples
+    --------
+    >>> names = ("head", "head_end", "head_end_end")
+    >>> tips(Skeleton([[0, 0], [0, 1], [0, 2]], [[0, 1], [1, 2], [2, 2]], [-1, 0, 1], names)).tolist()
+    [1, 2]
+    """
+    is_tip = np.array([marks_end(name) for name in skeleton.names])
+    is_tip &= (skeleton.P >= 0) & ~np.isin(np.arange(len(is_tip)), skeleton.forks[:, 0])
+    for bone in bone_order(skeleton.P)[::-1]:
+        if skeleton.P[bone] >= 0 and not is_tip[bone]:
+            is_tip[skeleton.P[bone]] = False
+    return np.flatnonzero(is_tip)
 
 
 def coincident_joints(skeleton: Skeleton) -> np.ndarray:

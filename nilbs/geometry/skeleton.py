@@ -81,6 +81,12 @@ class Skeleton:
             raise ValueError(f"the mesh is flat (z = 0) but joint {joint} of the rig is not")
         return replace(self, C=flattened(self.C))
 
+    @property
+    def points(self) -> np.ndarray:
+        """The bones that are point handles: roots without length, children and forks."""
+        holds = np.isin(np.arange(len(self.P)), [*self.P.tolist(), *self.forks[:, 0].tolist()])
+        return np.flatnonzero((self.BE[:, 0] == self.BE[:, 1]) & (self.P < 0) & ~holds)
+
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
         """Line segments that move with bones: joints (s, 2), and the bone (s,) of each.
 
@@ -98,12 +104,13 @@ def skeleton_of_bones(C: np.ndarray, BE: np.ndarray) -> Skeleton:
     C : (k, d) float array
         Joints.
     BE : (b, 2) int array
-        Bones; one follows another where it begins at the other's end.
+        Bones; one follows another where it begins at the other's end. A joint of no other bone, twice, is a point
+        handle.
 
     Returns
     -------
     skeleton : Skeleton
-        Bones are called bone0, bone1, ...
+        Bones are called bone0, bone1, ..., point handles point0, point1, ...
 
     Raises
     ------
@@ -116,7 +123,17 @@ def skeleton_of_bones(C: np.ndarray, BE: np.ndarray) -> Skeleton:
     >>> s.names, s.P.tolist()
     (('bone0', 'bone1'), [-1, 0])
     """
-    return Skeleton(C, BE, bone_parents(BE), tuple(f"bone{bone}" for bone in range(len(BE))))
+    (BE,) = arrays(BE=(BE, "b 2", int))
+    ends, times = np.unique(BE, return_counts=True)
+    # A joint that is a point handle stands in its own row, twice, and in no other.
+    point = (BE[:, 0] == BE[:, 1]) & (times[np.searchsorted(ends, BE[:, 0])] == 2)
+    bones = np.flatnonzero(~point)
+    parents = bone_parents(BE[bones])
+    P = np.full(len(BE), -1)
+    P[bones] = np.where(parents >= 0, bones[parents], -1)
+    number = np.where(point, np.cumsum(point), np.cumsum(~point)) - 1
+    names = [f"{'point' if is_point else 'bone'}{k}" for is_point, k in zip(point, number.tolist(), strict=True)]
+    return Skeleton(C, BE, P, tuple(names))
 
 
 def skeleton_of_joints(

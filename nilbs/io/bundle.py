@@ -141,3 +141,8 @@ class Bundle:
     notes: tuple[str, ...] = ()
     motion: LocalMotion | np.ndarray | None = None
     taken: Mapping[str, list[str]] = field(default_factory=dict)
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether its skeleton is only that of a motion: there are clips, and neither a mesh nor weights."""
+        return bool(self.clips) and self.mesh is None and self.influences is None

@@ -15,10 +15,11 @@ from nilbs.geometry.validation import arrays
 from nilbs.io.atomic import replacing
 from nilbs.io.bounded import line_blocks
 from nilbs.io.bundle import Bundle, Clip
+from nilbs.io.bvh_positions import Channels, placed, written
 from nilbs.io.errors import FileFormatError
 from nilbs.io.joints import first_joints, skeleton_with_ends, written_ends
 from nilbs.io.names import text_of, unique_names, written_names
-from nilbs.io.words import finite_numbers
+from nilbs.io.words import finite_numbers, is_number
 
 _CHANNEL = re.compile(rb"([xyz])(position|rotation)", re.IGNORECASE)
 _SIZE = re.compile(rb"[0-6]")
@@ -35,7 +36,7 @@ _APART = 4e-7  # of the skeleton's size: a joint that moves less has no position
 Lines = Iterator[tuple[int, bytes]]
 
 
-def read_bvh(path: str | os.PathLike) -> Bundle:
+def read_bvh(path: str | os.PathLike, *, positions: str = "auto") -> Bundle:
     """Read a skeleton and its motion, with notes on what was decided.
 
     In the rest pose all rotations are zero and every joint stands at its OFFSET from its parent, a root at its OFFSET
@@ -43,35 +44,38 @@ def read_bvh(path: str | os.PathLike) -> Bundle:
     and no frame.
 
     A joint's rotations act in the order listed, the last one first: `Zrotation Xrotation Yrotation` is Rz Rx Ry [1]_.
-    Its position takes the place of its OFFSET, as in Blender; a coordinate without a channel stays. Some programs write
-    positions relative to the OFFSET: they are read so if those of the joints below the roots are, in the first frame,
-    nearer to zero than to the OFFSETs, and a note reports it.
+    Its position takes the place of its OFFSET, as in Blender, or is added to it, as some programs write it: `positions`
+    is "replace", "add" or, by default, "auto", where the data decide, see `nilbs.io.bvh_positions.placed`. A coordinate
+    without a channel stays.
+
+    Rows after the frames that the file announces, and a last row that is cut off, are left out; if there are fewer
+    rows, they are the motion. Notes report this, and how text that is not UTF-8 was read.
 
     References
     ----------
     .. [1] Meredith and Maddock, Motion capture file formats explained, University of Sheffield, CS-01-11, 2001.
     """
-    lines = ((number, line) for first, block in line_blocks(path) for number, line in enumerate(block, first))
+    notes: list[str] = []
+    lines = ((number, line) for first, block in line_blocks(path, notes) for number, line in enumerate(block, first))
     joints = _hierarchy(path, lines)
-    seconds, motion = _motion(path, lines, len(joints), sum(len(joint.channels) for joint in joints))
-    names, notes = unique_names(joint.name for joint in joints)
+    seconds, motion = _motion(path, lines, len(joints), sum(len(joint.channels) for joint in joints), notes)
+    names, renamed = unique_names(joint.name for joint in joints)
     rest = np.zeros((len(joints), 3))
     ends = {}
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
+        offset, decided = _place(joints, motion, positions)
         for j, joint in enumerate(joints):
-            rest[j] = joint.offset if joint.parent < 0 else rest[joint.parent] + joint.offset
+            rest[j] = offset[j] if joint.parent < 0 else rest[joint.parent] + offset[j]
             if joint.end is not None:
                 ends[j] = rest[j] + joint.end
-        B, relative = _transforms(joints, motion, rest)
+        B = _transforms(joints, motion, offset, rest)
     if not all((np.abs(array) < LARGEST).all() for array in (rest, B, *ends.values())):
         raise FileFormatError(path, "the joints are farther apart than numbers go")
-    if relative:
-        notes += ("positions of joints below the roots are near zero: they were added to the OFFSETs",)
     skeleton = skeleton_with_ends(rest, np.array([joint.parent for joint in joints]), names, ends)
     s, times = skeleton, seconds * np.arange(len(motion))
     curves = curves_between(s.C, s.BE, s.P, times, B) if seconds and len(times) else None
     clip = Clip(Path(path).stem, skeleton, times, B, curves=curves)
-    return Bundle(skeleton=skeleton, clips=(clip,), notes=notes)
+    return Bundle(skeleton=skeleton, clips=(clip,), notes=(*renamed, *notes, *decided))
 
 
 def write_bvh(path: str | os.PathLike, clip: Clip) -> tuple[str, ...]:
@@ -93,9 +97,11 @@ def write_bvh(path: str | os.PathLike, clip: Clip) -> tuple[str, ...]:
     offset[below] -= first_joints(skeleton)[skeleton.P[below]]
     size = np.linalg.norm(np.ptp(skeleton.C, axis=0))
     moved = ~below | (np.abs(positions - offset).max(axis=(0, 2), initial=0) > _APART * size)
-    apart = moved & below
-    if len(times) and _relative(positions[0, apart], offset[apart]):
-        positions[:, apart] -= offset[apart]
+    of, axis = np.repeat(np.flatnonzero(moved), 3), np.tile(np.arange(3), moved.sum())
+    positions[:, of, axis], unclear = written(
+        positions[:, of, axis], Channels(of, axis, offset, ~below, skeleton.names)
+    )
+    notes += unclear
     text, order = _hierarchy_text(skeleton, names, offset, moved)
     columns = [np.zeros((len(times), 0))]
     for bone in order:
@@ -182,15 +188,17 @@ def _hierarchy(path: str | os.PathLike, lines: Lines) -> list[_Joint]:
     return joints
 
 
-def _motion(path: str | os.PathLike, lines: Lines, joints: int, channels: int) -> tuple[float, np.ndarray]:
+def _motion(
+    path: str | os.PathLike, lines: Lines, joints: int, channels: int, notes: list[str]
+) -> tuple[float, np.ndarray]:
     """Seconds a frame, and the motion's numbers (t, channels)."""
-    full = ((number, line.strip()) for number, line in lines if line.strip())
+    full = ((number, line) for number, line in lines if line.strip())
     number, line = next(full, (None, b""))
-    frames = _FRAMES.fullmatch(line)
+    frames = _FRAMES.fullmatch(line.strip())
     if not frames:
         raise FileFormatError(path, 'a line "Frames: NUMBER" must follow MOTION', number)
     number, line = next(full, (number, b""))
-    frame_time = _FRAME_TIME.fullmatch(line)
+    frame_time = _FRAME_TIME.fullmatch(line.strip())
     seconds = finite_numbers(path, [frame_time[1]], [number or 0])[0, 0] if frame_time else -1.0
     if seconds < 0:
         raise FileFormatError(path, 'a line "Frame Time: SECONDS" must follow the number of frames', number)
@@ -199,45 +207,52 @@ def _motion(path: str | os.PathLike, lines: Lines, joints: int, channels: int) -
     words: list[bytes] = []
     at: list[int] = []  # lines of the words
     read = size = 0
-    for number, line in full:
+    for number, line in islice(full, t):
         row = line.split(maxsplit=channels)
-        if read == t:
-            raise FileFormatError(path, f"the motion goes on after its {t} frames", number)
-        if len(row) != channels:
-            raise FileFormatError(path, f"a frame has {channels} numbers, one for every channel", number)
+        if len(row) != channels or (row and not line.endswith(b"\n") and not is_number(row[-1])):
+            if len(row) > channels or next(full, None):
+                raise FileFormatError(path, f"a frame has {channels} numbers, one for every channel", number)
+            notes.append(f"the last row, in line {number}, is cut off and left out")
+            break
         words += row
         at.append(number)
         read += 1
-        size += len(line)
+        size += len(line.strip())
         if len(words) > _BLOCK:
             blocks.append(finite_numbers(path, words, at))
             words, at = [], []
     if read < t:
-        raise FileFormatError(path, f"the motion ends after {read} of {t} frames", number)
+        notes.append(f"the file announces {t} frames, and ends after {read}, in line {number}")
+    more = [number for number, _ in full]
+    if more:
+        rows = "1 row is" if len(more) == 1 else f"{len(more)} rows are"
+        notes.append(f"{rows} left over after the {t} frames that the file announces, from line {more[0]} on")
     if words:
         blocks.append(finite_numbers(path, words, at))
-    if t * joints > max(size / _POSE_BYTES, _POSES):
+    if read * joints > max(size / _POSE_BYTES, _POSES):
         raise FileFormatError(
-            path, f"{t} frames of {joints} joints, in {size} bytes: hardly any joint has a channel", number
+            path, f"{read} frames of {joints} joints, in {size} bytes: hardly any joint has a channel", number
         )
     return float(seconds), np.concatenate(blocks)
 
 
-def _transforms(joints: list[_Joint], motion: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Transforms (t, b, 4, 4) of joints, rest to posed, and whether positions were relative to the OFFSETs."""
+def _place(joints: list[_Joint], motion: np.ndarray, how: str) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The joints' OFFSETs (b, 3), and notes on them; the positions in the motion take their place from here on."""
+    offset = np.array([joint.offset for joint in joints])
+    listed = [(j, turns, axis) for j, joint in enumerate(joints) for turns, axis in joint.channels]
+    of, turns, axis = np.array(listed, dtype=np.int64).reshape(-1, 3).T
+    columns = np.flatnonzero(turns == 0)
+    root = np.array([joint.parent < 0 for joint in joints])
+    channels = Channels(of[columns], axis[columns], offset, root, [joint.name for joint in joints])
+    found = placed(motion[:, columns], channels, how)
+    motion[:, columns] = found.positions
+    return found.offset, found.notes
+
+
+def _transforms(joints: list[_Joint], motion: np.ndarray, offset: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Transforms (t, b, 4, 4) of joints, rest to posed."""
     t = len(motion)
     column = np.cumsum([0, *(len(joint.channels) for joint in joints)]).tolist()
-    offset = np.array([joint.offset for joint in joints])
-    positions = [
-        (c, j, axis)
-        for j, joint in enumerate(joints)
-        for c, (turns, axis) in enumerate(joint.channels, column[j])
-        if joint.parent >= 0 and not turns
-    ]
-    columns, of, axes = np.array(positions, dtype=np.int64).reshape(-1, 3).T
-    relative = t > 0 and _relative(motion[0, columns], offset[of, axes])
-    if relative:
-        motion[:, columns] += offset[of, axes]
     cos, sin = np.cos(np.radians(motion)), np.sin(np.radians(motion))
     B = np.zeros((t, len(joints), 4, 4))
     B[:, :, 3, 3] = 1
@@ -259,12 +274,7 @@ def _transforms(joints: list[_Joint], motion: np.ndarray, rest: np.ndarray) -> t
         G[:, :3, 3] = parent[:, :3, 3] + (parent[:, :3, :3] @ position[:, :, None])[:, :, 0]
     # Then G(t) inv(G(rest)), where G(rest) is a translation.
     B[:, :, :3, 3] -= (B[:, :, :3, :3] @ rest[:, :, None])[..., 0]
-    return B, relative
-
-
-def _relative(positions: np.ndarray, offset: np.ndarray) -> bool:
-    """Whether positions in the first frame are displacements from the OFFSETs rather than in their place."""
-    return bool((positions**2).sum() < ((positions - offset) ** 2).sum())
+    return B
 
 
 def _frame_seconds(times: np.ndarray) -> float:

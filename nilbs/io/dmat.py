@@ -7,7 +7,7 @@ import numpy as np
 
 from nilbs.geometry.validation import arrays
 from nilbs.io.atomic import replacing
-from nilbs.io.bounded import file_bytes
+from nilbs.io.bounded import text_bytes
 from nilbs.io.errors import FileFormatError
 from nilbs.io.words import finite_numbers
 
@@ -48,7 +48,7 @@ def read_dmat(path: str | os.PathLike) -> np.ndarray:
            [2., 5.],
            [3., 6.]])
     """
-    data = file_bytes(path)
+    data = text_bytes(path)
     columns, rows, start = _header(path, data, 0, 1)
     if columns == rows == 0 and data[start:].strip():
         columns, rows, start = _header(path, data, start, 2)

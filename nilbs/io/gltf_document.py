@@ -4,6 +4,8 @@ import base64
 import binascii
 import json
 import os
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -14,14 +16,18 @@ from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.names import printable
 from nilbs.io.strict_json import json_errors, no_constant
+from nilbs.io.text import without_mark
 
 _TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _JSON_CHUNK, _BINARY_CHUNK = b"JSON", b"BIN\0"
 _REPEATED = 2**24  # numbers that accessors may yield beyond twice the file's bytes: they may overlap, but not endlessly
+INSTANCES = "EXT_mesh_gpu_instancing"
 # Extensions that a file may require: they change no shape and no motion, or are read.
-_HARMLESS = ("KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_")
-_COMPRESSION = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
+_HARMLESS = (
+    "KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_", INSTANCES
+)  # fmt: skip
+_COMPRESSION = re.compile("draco|meshopt|compress", re.IGNORECASE)  # in the names of extensions
 
 
 class Document:
@@ -45,9 +51,11 @@ class Document:
         version = self.text(self._object(self.root.get("asset", {}), "asset"), "version", "asset")
         if not version.startswith("2."):
             raise self.error(f"this is glTF {version[:20] or 'of no version'}; version 2 is read, export it as that")
+        used = [name for kind in ("extensionsRequired", "extensionsUsed") for name in self.strings(kind)]
+        self._compressions = [name for name in used if _COMPRESSION.search(name)]
         for name in self.strings("extensionsRequired"):
-            if name in _COMPRESSION:
-                raise self.error(f"it is compressed ({name}), which is not read: export it again without compression")
+            if _COMPRESSION.search(name):
+                self._refuse_held([name], "the file")
             if not name.startswith(_HARMLESS):
                 raise self.error(f"it requires the extension {name[:80]}, which is not read: export it without")
 
@@ -113,11 +121,19 @@ class Document:
             return [float(x) for x in values]
         raise self.error(f"{where}: {key!r} must be {size} finite numbers")
 
-    def accessor(self, index: int, where: str, kind: str, *, whole: bool = False) -> np.ndarray:
+    def extensions(self, entry: dict[str, Any], where: str) -> list[str]:
+        """Names of the extensions in an entry that may hold data of it."""
+        found = self.section(entry, "extensions", where)
+        return [name for name in found if not name.startswith(_HARMLESS)]
+
+    def accessor(
+        self, index: int, where: str, kind: str, *, whole: bool = False, held: Sequence[str] = ()
+    ) -> np.ndarray:
         """The numbers (count, width) that an accessor describes, of a type such as "VEC3".
 
         `whole` requires unsigned integers. Else integers become numbers, and normalised ones fractions. Errors name
-        `where` as the user of the accessor.
+        `where` as the user of the accessor. Where it names no data, and an extension may hold it, such as those `held`,
+        it is refused.
         """
         entry, name = self._entry("accessors", index, where), f"accessor {index} ({where})"
         component = self.whole(entry, "componentType", name)
@@ -133,6 +149,8 @@ class Document:
             offset = self.whole(entry, "byteOffset", name, default=0)
             values = self._strided(self.whole(entry, "bufferView", name), offset, count, width, dtype, name)
         else:
+            if "sparse" not in entry:
+                self._refuse_held([*held, *self.extensions(entry, name), *self._compressions], name)
             values = np.zeros((count, width), dtype)
         if "sparse" in entry:
             values = self._replaced(values, self.section(entry, "sparse", name), name)
@@ -152,6 +170,16 @@ class Document:
         if self._yielded > _REPEATED + 2 * self.size:
             raise self.error(f"{name}: the accessors hold many times more numbers than the file has bytes")
 
+    def _refuse_held(self, names: Sequence[str], where: str) -> None:
+        """Refuse data that is in an extension, if there is one that may hold it."""
+        compression = next((name for name in names if _COMPRESSION.search(name)), None)
+        if compression is not None:
+            raise self.error(
+                f"it is compressed ({compression[:80]}), which is not read: export it again without compression"
+            )
+        if names:
+            raise self.error(f"{where} is left to the extension {names[0][:80]}, which is not read: export it without")
+
     def _entry(self, kind: str, index: int, where: str) -> dict[str, Any]:
         entries = self.entries(kind)
         if index >= len(entries):
@@ -166,7 +194,7 @@ class Document:
         if not size <= stride <= 252 and "byteStride" in entry:
             raise self.error(f"{where}: a stride of {stride} bytes, which must be from {size} to 252")
         start, length = (self.whole(entry, key, where, default=0) for key in ("byteOffset", "byteLength"))
-        buffer = self._buffer(self.whole(entry, "buffer", where), where)
+        buffer = self._buffer(self.whole(entry, "buffer", where), where, self.extensions(entry, where))
         if start + length > len(buffer):
             raise self.error(f"{where} ends at byte {start + length} of a buffer of {len(buffer)}")
         if count == 0:
@@ -195,15 +223,16 @@ class Document:
         values[rows] = parts[1]
         return values
 
-    def _buffer(self, index: int, where: str) -> memoryview:
+    def _buffer(self, index: int, where: str, held: Sequence[str]) -> memoryview:
         if index not in self._buffers:
             entry, name = self._entry("buffers", index, where), f"buffer {index}"
             length = self.whole(entry, "byteLength", name)
             if "uri" in entry:
                 data = self._resource(entry["uri"], name)
-            elif self._chunk is not None and index == 0:
+            elif self._chunk is not None and index == 0 and not self.extensions(entry, name):
                 data = self._chunk
             else:
+                self._refuse_held([*held, *self.extensions(entry, name), *self._compressions], name)
                 raise self.error(f"{name} has no data")
             if length > len(data):
                 raise self.error(f"{name} claims {length} bytes and has {len(data)}")
@@ -258,7 +287,7 @@ class Document:
 
     def _json(self, text: memoryview) -> dict[str, Any]:
         with json_errors(self.path, lines=len(text) == self.size):
-            root = json.loads(bytes(text).decode("utf-8-sig"), parse_constant=no_constant)
+            root = json.loads(without_mark(self.path, bytes(text)).decode(), parse_constant=no_constant)
         return self._object(root, "the file")
 
     def _object(self, value: object, where: str) -> dict[str, Any]:

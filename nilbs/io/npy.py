@@ -12,7 +12,7 @@ from nilbs.io.errors import FileFormatError, check_suffix
 
 _NPY_HEADER = re.compile(
     r"\{'descr': '([<>|][fiub][1248])', 'fortran_order': (True|False), "
-    r"'shape': \((\d{1,18}(?:, ?\d{1,18}){0,7}),?\),? *\}\s*"
+    r"'shape': \((?:(\d{1,18}(?:, ?\d{1,18}){0,7}),?)?\),? *\}\s*"
 )
 
 
@@ -45,7 +45,10 @@ def read_npy(path: str | os.PathLike) -> np.ndarray:
     array([[1., 2.]])
     """
     check_suffix(path, ".npy")
-    return npy_array(path, file_bytes(path), "the file")
+    A = npy_array(path, file_bytes(path), "the file")
+    if not A.ndim:
+        raise FileFormatError(path, "the file holds one number, not an array")
+    return A
 
 
 def write_npy(path: str | os.PathLike, A: np.ndarray) -> None:
@@ -109,7 +112,7 @@ def stored_array(path: str | os.PathLike, data: bytes, name: str, *, kinds: str)
         kind = np.dtype(header[1])
     except TypeError:
         raise FileFormatError(path, f"{name} is of the unknown type {header[1]}") from None
-    shape = tuple(int(size) for size in header[3].split(","))
+    shape = tuple(int(size) for size in header[3].split(",")) if header[3] else ()
     if math.prod(shape) * kind.itemsize != len(data) - end:
         raise FileFormatError(path, f"{name} claims the shape {shape}, but holds {len(data) - end} bytes")
     A = np.frombuffer(data, kind, offset=end)

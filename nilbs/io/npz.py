@@ -28,6 +28,13 @@ class NpzFile:
         # numpy.load would make room for whatever shape the header claims; npy_array compares it with the bytes.
         return npy_array(self.path, unpacked(self.path, self._archive, f"{name}.npy"), name)
 
+    def number(self, name: str) -> float:
+        """A finite number, or an array of one."""
+        A = self.array(name)
+        if A.size != 1:
+            raise FileFormatError(self.path, f"{name} must be one number, this file holds {A.shape}")
+        return float(A.ravel()[0])
+
 
 def write_npz(path: str | os.PathLike, arrays: Mapping[str, np.ndarray]) -> None:
     """Write arrays of numbers by name; the file appears whole or not at all.

@@ -1,6 +1,5 @@
 """Wavefront OBJ: vertices in the file's order and number, whatever textures and groups stand beside them."""
 
-import codecs
 import os
 from array import array
 
@@ -8,6 +7,7 @@ import numpy as np
 
 from nilbs.io.bounded import line_blocks
 from nilbs.io.errors import FileFormatError
+from nilbs.io.names import text_of
 from nilbs.io.polygons import Elements, MeshFile
 from nilbs.io.words import finite_numbers, whole_numbers
 
@@ -21,16 +21,14 @@ def read_obj(path: str | os.PathLike) -> MeshFile:
 
     Corners may be written `v`, `v/vt`, `v//vn` or `v/vt/vn`, with negative indices counting back from the last vertex.
     A line `g` puts the faces after it into groups, one for each of its words, a line `o` into an object besides, whose
-    name is the rest of the line; names are UTF-8 or else Latin-1. Materials, textures, normals and colours are left
-    out; an unused vertex stays.
+    name is the rest of the line. Materials, textures, normals and colours are left out; an unused vertex stays.
     """
     blocks: list[np.ndarray] = [np.zeros((0, 3))]
     faces, edges, groups = _Corners(path), _Corners(path), _Groups(path)
     n = 0
     carried: list[bytes] = []
-    for first, lines in line_blocks(path):
-        if first == 1:
-            lines[0] = lines[0].removeprefix(codecs.BOM_UTF8)
+    notes: list[str] = []
+    for first, lines in line_blocks(path, notes):
         words_of: list[bytes] = []
         at: list[int] = []
         for number, line in enumerate(lines, first):
@@ -68,7 +66,9 @@ def read_obj(path: str | os.PathLike) -> MeshFile:
         edges.convert()
     if carried:
         raise FileFormatError(path, "the file ends in the middle of a statement")
-    return MeshFile(path, np.concatenate(blocks), faces.elements(), edges.elements(), 1, groups.faces_by_name())
+    named = groups.faces_by_name()
+    notes = [] if all(map(str.isascii, named)) else notes
+    return MeshFile(path, np.concatenate(blocks), faces.elements(), edges.elements(), 1, named, tuple(notes))
 
 
 class _Corners:
@@ -138,16 +138,9 @@ class _Groups:
             raise FileFormatError(self.path, f"its faces are in {listed / len(of_face):.0f} groups each, on average")
         states: dict[str, list[int]] = {}
         for names, state in self.states.items():
-            for name in dict.fromkeys(map(_decoded, names)):
+            for name in dict.fromkeys(map(text_of, names)):
                 states.setdefault(name, []).append(state)
         return {
             name: np.sort(np.concatenate([order[ends[state] - sizes[state] : ends[state]] for state in those]))
             for name, those in states.items()
         }
-
-
-def _decoded(name: bytes) -> str:
-    try:
-        return name.decode("utf-8")
-    except UnicodeDecodeError:
-        return name.decode("latin-1")

@@ -11,6 +11,7 @@ import numpy as np
 from nilbs.io.bounded import file_bytes
 from nilbs.io.errors import FileFormatError
 from nilbs.io.polygons import Elements, MeshFile, no_elements
+from nilbs.io.text import line_feeds, without_mark
 
 _TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -38,7 +39,9 @@ class _Element:
 
 def read_ply(path: str | os.PathLike) -> MeshFile:
     """Read the vertices, faces and edges of a PLY file."""
-    data = file_bytes(path)
+    data = without_mark(path, file_bytes(path))
+    if b"format ascii" in data[:_HEADER_LIMIT]:
+        data = line_feeds(data)
     order, elements, start, line = _header(path, data)
     tables: dict[str, dict[str, np.ndarray]] = {}
     lines: dict[str, np.ndarray | None] = {}

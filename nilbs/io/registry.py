@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from nilbs.geometry.skeleton import skeleton_of_bones
+from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.bundle import Bundle, Influences
 from nilbs.io.dmat import read_dmat
 from nilbs.io.errors import FileFormatError, check_suffix
 from nilbs.io.motion import read_motion_json, read_transforms
 from nilbs.io.npz import NpzFile
-from nilbs.io.tgf import read_tgf
+from nilbs.io.tgf import read_tgf_rig
 from nilbs.io.weights import read_weights
 
 MESHES = (".obj", ".ply", ".off", ".stl", ".3mf")
@@ -21,7 +21,7 @@ RIGS = (".tgf", ".txt", ".mhskel")
 WHOLE = (".glb", ".gltf", ".fbx")  # mesh, skeleton, painted weights and motions in one file
 WEIGHTS = (".dmat", ".npz", ".mhw")
 OWN_MOTIONS = (".dmat", ".json")  # of the character's own bones, which the file does not describe
-MOTIONS = (*OWN_MOTIONS, ".bvh", *WHOLE)
+MOTIONS = (*OWN_MOTIONS, ".bvh", ".npz", *WHOLE)
 READABLE = tuple(dict.fromkeys(MESHES + RIGS + WHOLE + WEIGHTS + MOTIONS))
 WRITABLE = (*MESHES, ".glb", ".gltf", ".txt", ".tgf", ".dmat", ".npz", ".bvh")
 
@@ -41,7 +41,25 @@ def looks_like_weights(A: np.ndarray) -> bool:
     return bool(A.size == 0 or len(A) % 12 or np.median(np.abs(A.sum(axis=1) - 1)) < _WEIGHTS_TOLERANCE)
 
 
-def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None, names: Sequence[str] | None = None) -> Bundle:
+def needs_rig(path: str | os.PathLike) -> bool:
+    """Whether a file is read for a rig, if there is one: a motion of a body of the SMPL family.
+
+    Examples
+    --------
+    >>> needs_rig("walk.bvh")
+    False
+    """
+    return Path(path).suffix.lower() == ".npz" and "poses" in NpzFile(path).names
+
+
+def read_bundle(
+    path: str | os.PathLike,
+    *,
+    V: np.ndarray | None = None,
+    names: Sequence[str] | None = None,
+    rig: Skeleton | None = None,
+    positions: str = "auto",
+) -> Bundle:
     r"""Read whatever a file holds of a character: mesh, skeleton, weights, motions.
 
     Parameters
@@ -50,12 +68,16 @@ def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None, names: 
         `.obj`, `.ply`, `.off`, `.stl`, `.3mf`: a mesh. `.tgf`: a rig. `.txt`: a rig with weights, as RigNet writes it.
         `.mhskel`: a rig of MakeHuman, with the weights beside it that it names. `.bvh`: a skeleton and its motion.
         `.glb`, `.gltf`, and `.fbx` where Blender is installed: everything. `.npz`: a body model of the SMPL family,
-        where it has `v_template`, else weights. `.mhw`: weights. `.json`: a motion of bones by name. `.dmat`: weights,
-        or transforms of bones, whichever the numbers can be.
+        where it has `v_template`, or a motion of one, where it has `poses`, else weights. `.mhw`: weights. `.json`: a
+        motion of bones by name. `.dmat`: weights, or transforms of bones, whichever the numbers can be.
     V : (n, 3) float array, optional
         Vertices of the whole mesh file that the rig was made for; the joints of `.mhskel` are means of these.
     names : sequence of str, optional
         Names of the rig's bones; the weights of `.mhw` are by name.
+    rig : Skeleton, optional
+        The rig that a motion of the SMPL family moves, if it has the joints of such a body.
+    positions : "auto", "add" or "replace"
+        Whether the positions of a `.bvh` file are added to its OFFSETs or take their place; by default the data decide.
 
     Returns
     -------
@@ -83,8 +105,7 @@ def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None, names: 
         mesh = read_mesh_parts(path)
         return Bundle(mesh=mesh, notes=mesh.notes)
     if suffix == ".tgf":
-        C, BE = read_tgf(path)
-        return Bundle(skeleton=skeleton_of_bones(C, BE))
+        return read_tgf_rig(path)
     if suffix == ".mhskel":
         return _read_makehuman(path, V)
     if suffix in (".glb", ".gltf"):
@@ -98,15 +119,20 @@ def read_bundle(path: str | os.PathLike, *, V: np.ndarray | None = None, names: 
     if suffix == ".bvh":
         from nilbs.io.bvh import read_bvh
 
-        return read_bvh(path)
+        return read_bvh(path, positions=positions)
     if suffix == ".txt":
         from nilbs.io.rignet import read_rignet
 
         return read_rignet(path)
-    if suffix == ".npz" and "v_template" in NpzFile(path).names:
+    arrays = NpzFile(path).names if suffix == ".npz" else ()
+    if "v_template" in arrays:
         from nilbs.io.smpl import read_smpl
 
         return read_smpl(path)
+    if "poses" in arrays:
+        from nilbs.io.amass import read_amass
+
+        return read_amass(path, rig=rig)
     if suffix == ".mhw":
         from nilbs.io.makehuman import read_mhw
 

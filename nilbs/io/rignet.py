@@ -45,7 +45,8 @@ def read_rignet(path: str | os.PathLike) -> Bundle:
             named_in.append(line)
         return named.setdefault(name, len(named))
 
-    for first, block in line_blocks(path):
+    notes: list[str] = []
+    for first, block in line_blocks(path, notes):
         weights: list[bytes] = []
         weights_in: list[int] = []  # their lines
         for number, line in enumerate(block, first):
@@ -104,10 +105,12 @@ def read_rignet(path: str | os.PathLike) -> Bundle:
     skinned = joint_of_id[np.array(bone, dtype=np.int64)]
     skeleton, bone_of = _skeleton(list(joints), np.array(positions), P, set(skinned.tolist()))
     others = [_quoted(name) for name, parent in zip(joints, P, strict=True) if parent < 0 and name not in roots]
+    if others:
+        notes.append(f"joints without a parent, taken as roots: {listed(others)}")
     return Bundle(
         skeleton=skeleton,
         influences=Influences(np.array(vertex), bone_of[skinned], np.concatenate(weight)[:, 0]) if vertex else None,
-        notes=(f"joints without a parent, taken as roots: {listed(others)}",) if others else (),
+        notes=tuple(notes),
     )
 
 

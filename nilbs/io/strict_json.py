@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from nilbs.io.bounded import file_bytes
+from nilbs.io.bounded import text_bytes
 from nilbs.io.errors import FileFormatError
 
 _LARGEST = 1e150  # of a number, which JSON writes with any exponent; its square is still one
@@ -19,7 +19,7 @@ def read_json(path: str | os.PathLike) -> object:
     Numbers are as they stand: a whole number may be too large for a float, see `finite_vector`.
     """
     with json_errors(path):
-        return parse_json(file_bytes(path).decode("utf-8-sig"))
+        return parse_json(text_bytes(path).decode())
 
 
 @contextmanager

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from nilbs.geometry.surface import Surface
-from nilbs.io.bounded import file_bytes
+from nilbs.io.bounded import file_bytes, text_bytes
 from nilbs.io.errors import FileFormatError
 from nilbs.io.polygons import Elements, MeshFile, no_elements
+from nilbs.io.text import utf8_lines, without_mark
 from nilbs.io.zipped import open_zip, unpacked
 
 SUFFIXES = (".off", ".stl", ".3mf")
@@ -102,7 +103,7 @@ def _read_stl(path: str | os.PathLike) -> MeshFile:
     count = int.from_bytes(data[80:_HEADER], "little")
     size = _HEADER + count * _TRIANGLE
     groups: dict[str, list[np.ndarray]] = {}
-    if len(data) == size or not data[:100].lstrip().lower().startswith(b"solid"):
+    if len(data) == size or not without_mark(path, data)[:100].lstrip().lower().startswith(b"solid"):
         if len(data) < max(size, _HEADER):
             raise FileFormatError(
                 path, f"this is no STL file: it neither starts with 'solid' nor holds {count} triangles"
@@ -235,7 +236,7 @@ def _guarded(path: str | os.PathLike, kind: str) -> Iterator[None]:
 
 
 def _text(path: str | os.PathLike) -> str:
-    data = file_bytes(path, limit=TEXT_LIMIT)
+    data = text_bytes(path, limit=TEXT_LIMIT)
     if b"\0" in data:
         raise FileFormatError(path, "binary data where text was expected")
-    return data.decode("utf-8-sig", "replace")
+    return b"".join(utf8_lines(data.splitlines(keepends=True))[0]).decode()

@@ -25,10 +25,21 @@ def finite_numbers(path: str | os.PathLike, words: list[bytes], lines: list[int]
     except ValueError:
         legal = False
     if not legal:
-        bad = next(i for i, word in enumerate(words) if not (_NUMBER.fullmatch(word) and np.isfinite(float(word))))
+        bad = next(i for i, word in enumerate(words) if not is_number(word))
         line = lines[bad // (len(words) // len(lines))]
         raise FileFormatError(path, f"{_shown(words[bad])} is not a finite number", line)
     return values.reshape(len(lines), -1)
+
+
+def is_number(word: bytes) -> bool:
+    """Whether a word is a finite decimal number.
+
+    Examples
+    --------
+    >>> is_number(b"-1e3"), is_number(b"1e"), is_number(b"1e999")
+    (True, False, False)
+    """
+    return bool(_NUMBER.fullmatch(word)) and bool(np.isfinite(float(word)))
 
 
 def whole_numbers(path: str | os.PathLike, words: list[bytes], counts: np.ndarray, lines: np.ndarray) -> np.ndarray:

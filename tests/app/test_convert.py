@@ -181,9 +181,12 @@ def test_a_clip_is_chosen_by_name(body, out, succeeds, fails):
     values = succeeds("convert", body / "body.obj", body / "body_rig.txt", body / "two.glb", "-o", out / "y.glb")
     assert values["sizes"]["motion"] == "walk: 2 frames; run: 3 frames"
     assert [clip.name for clip in read_bundle(out / "y.glb").clips] == ["walk", "run"]
-    assert "choose one of walk, run" in fails("convert", body / "two.glb", "-o", out / "x.bvh")
-    succeeds("convert", body / "two.glb", "--clip", "run", "-o", out / "x.bvh")
-    assert len(read_bundle(out / "x.bvh").clips[0].B) == 3
+    values = succeeds("convert", body / "two.glb", "-o", out / "x.bvh")
+    assert "all 2 were written, one after the other (walk, run); --clip chooses one" in " ".join(values["notes"])
+    assert len(read_bundle(out / "x.bvh").clips[0].B) == 5
+    for name in ("run", "RUN", "ru"):
+        succeeds("convert", body / "two.glb", "--clip", name, "-o", out / "x.bvh")
+        assert len(read_bundle(out / "x.bvh").clips[0].B) == 3
     assert "there is no motion 'fly', but 'walk', 'run'" in fails(
         "convert", body / "two.glb", "--clip", "fly", "-o", out / "x.bvh"
     )

@@ -120,12 +120,41 @@ def test_a_rig(tmp_path, succeeds):
     assert (report["kind"], report["d"], report["joints"], report["bones"], report["roots"]) == ("rig", 3, 8, 4, 2)
     assert report["shortest_bone"] == pytest.approx(0.001)
     assert report["longest_bone"] == pytest.approx(5**0.5)
+    assert report["point_handles"] == 2
+    assert report["names"] == ["point0", "point1", "bone0", "bone1", "bone2", "bone3"]
+    assert report["notes"] == [
+        "joints of no bone are point handles, with weights of their own (2): point0 (joint 7), point1 (joint 8)"
+    ]
     assert report["problems"] == [
-        "2 joints belong to no bone, joint 6 first",
         "the rig is 2 separate skeletons",
-        "bone 3 is very short: 0.001",
+        "bone 5 (bone3) is very short: 0.001",
         "1 joints lie on another joint, joint 7 first",
     ]
+
+
+def test_tips_that_exporters_add_are_no_problem(tmp_path, succeeds, bar):
+    """Joints that only mark where bones end: outside the mesh, on one another, without weights."""
+    V, F, C, _ = bar(3)
+    write_mesh(tmp_path / "a.obj", V, F)
+    joints = {"hip": C[0], "arm": C[1], "arm_end": [9, 9, 9], "arm_end_tip": [9, 9, 9], "HipNub": C[0]}
+    parents = {"arm": "hip", "arm_end": "arm", "arm_end_tip": "arm_end", "HipNub": "hip"}
+    lines = [f"joints {name} {x} {y} {z}" for name, (x, y, z) in joints.items()]
+    lines += ["root hip", *(f"hier {parent} {child}" for child, parent in parents.items())]
+    lines += [f"skin {v} {'hip' if x < 2 else 'arm'} 1" for v, x in enumerate(V[:, 0])]
+    (tmp_path / "a_rig.txt").write_text("\n".join(lines).replace("arm_end", "Arm_end"))
+    values = succeeds("info", tmp_path / "a.obj", tmp_path / "a_rig.txt")
+    assert values["files"][1]["names"] == ["hip", "arm", "Arm_end", "Arm_end_tip", "HipNub"]
+    assert [report["problems"] for report in values["files"]] == [[], [], []]
+    assert values["problems"] == []
+    # Other joints are.
+    (tmp_path / "a_rig.txt").write_text("\n".join(lines).replace("arm_end", "Tail").replace("HipNub", "hat"))
+    values = succeeds("info", tmp_path / "a.obj", tmp_path / "a_rig.txt")
+    assert values["files"][1]["problems"] == [
+        "bone 2 (Tail) is very short: 0",
+        "1 joints lie on another joint, joint 4 first",
+    ]
+    assert values["files"][2]["problems"] == ["2 bones move no vertex, bone 2 first"]
+    assert len(values["problems"]) == 2
 
 
 @pytest.mark.parametrize("suffix", [".dmat", ".npz"])
@@ -393,7 +422,7 @@ def test_a_file_of_nothing(tmp_path, fails, monkeypatch):
 
     (tmp_path / "a.gltf").write_text('{"asset": {"version": "2.0"}}')
     assert "a.gltf: " in fails("info", tmp_path / "a.gltf")
-    monkeypatch.setattr("nilbs.characters.bundle.read_bundle", lambda path, V, names: Bundle())
+    monkeypatch.setattr("nilbs.characters.bundle.read_bundle", lambda path, **_: Bundle())
     assert fails("info", tmp_path / "a.gltf").endswith("a.gltf: the file holds no mesh, rig or motion")
 
 
@@ -487,7 +516,7 @@ def test_as_a_table(assets, nilbs, tmp_path):
     ("name", "content", "message"),
     [
         ("a.obj", "v 0 0 1\nv 0 nan 0\n", "a.obj:2: 'nan' is not a finite number"),
-        ("a.tgf", "1 0 0 0\n#\n", "a.tgf: the rig has no bone"),
+        ("a.tgf", "1 0 0 0\n", "a.tgf: the rig has no bone"),
         ("a.dmat", "3 100000000\n1\n", "a.dmat:1: 100000000 rows of 3 columns do not fit in"),
         ("a.npz", "hello", "a.npz: damaged .npz file"),
         ("a.json", "[" * 100_000, "a.json: the JSON is nested too deep"),

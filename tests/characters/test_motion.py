@@ -315,6 +315,17 @@ def test_one_of_several_clips_is_chosen_by_name(tmp_path: Path, rng: np.random.G
     assert chosen.source == "m.glb, run"
     with pytest.raises(FileFormatError, match=r"m\.glb: there is no motion 'swim', but 'walk', 'run'$"):
         load_motion(tmp_path / "m.glb", skeleton, clip="swim")
+    names = ("Armature|Walk_01", "Armature|Run_01", "Armature|Run_02", "Idle", "idle_long")
+    more = tuple(Clip(name, skeleton, clips[0].times, clips[0].B) for name in names)
+    write_gltf(tmp_path / "m.glb", Bundle(skeleton=skeleton, clips=more))
+    for given, meant in (("walk", names[0]), ("run_02", names[2]), ("IDLE", "Idle"), ("long", "idle_long")):
+        assert load_motion(tmp_path / "m.glb", skeleton, clip=given).source == f"m.glb, {meant}"
+    with pytest.raises(FileFormatError, match=r"2 motions have 'run' in their names: .*Run_01', .*Run_02'$"):
+        load_motion(tmp_path / "m.glb", skeleton, clip="run")
+    with pytest.raises(FileFormatError, match=r"no motion 'idel', but 'Idle', .*\(the nearest: 'Idle'\)$"):
+        load_motion(tmp_path / "m.glb", skeleton, clip="idel")
+    with pytest.raises(FileFormatError, match=r"\(the nearest: 'Armature.Walk_01'\)$"):
+        load_motion(tmp_path / "m.glb", skeleton, clip="wlak")
     write_gltf(tmp_path / "rig.glb", Bundle(skeleton=skeleton))
     with pytest.raises(FileFormatError, match=r"rig\.glb: the file holds no motion"):
         load_motion(tmp_path / "rig.glb", skeleton)

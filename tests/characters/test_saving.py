@@ -184,10 +184,24 @@ def test_a_motion_goes_with_its_character(characters, tmp_path):
         assert_same_places(U, U_read[..., :2], c.V)
 
 
-def test_a_clip_out_of_several_must_be_chosen(parts, tmp_path):
+def test_several_clips_are_one_after_the_other_in_a_file_of_one_motion(parts, tmp_path):
     clips = tuple(replace(parts.clips[0], name=name) for name in ("walk", "run"))
-    with pytest.raises(ValueError, match=r"a\.bvh: it holds one motion, and there are 2: choose one of walk, run"):
-        write_bundle(replace(parts, clips=clips), [tmp_path / "a.bvh"])
+    names = ("a.bvh", "a-motion.dmat")
+    for file in write_bundle(replace(parts, clips=clips), [tmp_path / name for name in names]):
+        assert file.notes[0] == (
+            "it holds one motion: all 2 were written, one after the other (walk, run); --clip chooses one"
+        )
+    t = len(clips[0].B)
+    (bvh,) = read_bundle(tmp_path / "a.bvh").clips
+    assert np.abs(bvh.B[:t] - bvh.B[t:]).max() <= 1e-9
+    assert np.ptp(np.diff(bvh.times)) <= 1e-9
+    assert read_dmat(tmp_path / "a-motion.dmat").shape[1] == 2 * t
+    faster = (clips[0], replace(clips[1], times=clips[1].times / 2))
+    with pytest.raises(ValueError, match=r"a\.bvh: .* at a constant rate; or choose one of walk, run"):
+        write_bundle(replace(parts, clips=faster), [tmp_path / "a.bvh"])
+    other = replace(parts.skeleton, names=tuple(f"{name}2" for name in parts.skeleton.names))
+    with pytest.raises(ValueError, match="it holds one skeleton, and 'walk' and 'run' are of different ones"):
+        write_bundle(replace(parts, clips=(clips[0], replace(clips[1], skeleton=other))), [tmp_path / "a.bvh"])
     write_bundle(replace(parts, clips=clips), [tmp_path / "a.glb"])
     assert [clip.name for clip in read_bundle(tmp_path / "a.glb").clips] == ["walk", "run"]
 

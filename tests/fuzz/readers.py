@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from nilbs.io import FileFormatError
+from nilbs.io.amass import read_amass
 from nilbs.io.archive import read_archive
 from nilbs.io.bone_map import read_bone_map
 from nilbs.io.bundle import Clip, Influences, Mesh, select_group
 from nilbs.io.bvh import read_bvh
+from nilbs.io.bvh_positions import POSITIONS
 from nilbs.io.dmat import read_dmat
 from nilbs.io.gltf import read_gltf
 from nilbs.io.makehuman import read_mhskel, read_mhw, weights_file
@@ -24,7 +26,7 @@ from nilbs.io.motion import read_motion_json, read_transforms
 from nilbs.io.npy import read_npy
 from nilbs.io.rignet import read_rignet
 from nilbs.io.smpl import read_smpl
-from nilbs.io.tgf import read_tgf
+from nilbs.io.tgf import read_tgf_rig
 from nilbs.io.weights import read_weights
 
 from . import mutations
@@ -51,8 +53,17 @@ def _dmat(path: Path) -> object:
     return A
 
 
+def _amass(path: Path) -> object:
+    alone = read_amass(path)
+    return alone, read_amass(path, rig=alone.skeleton)
+
+
 def _mhskel(path: Path) -> object:
     return read_mhskel(path, BODY), weights_file(path)
+
+
+def _bvh(path: Path) -> object:
+    return [read_bvh(path, positions=how) for how in POSITIONS]
 
 
 def _motion(path: Path) -> object:
@@ -74,17 +85,18 @@ READERS = {
     "off": Reader(".off", read_mesh_parts, mutations.words),
     "stl": Reader(".stl", read_mesh_parts, mutations.words),
     "3mf": Reader(".3mf", read_mesh_parts, mutations.threemf),
-    "tgf": Reader(".tgf", read_tgf, mutations.words),
+    "tgf": Reader(".tgf", read_tgf_rig, mutations.words),
     "dmat": Reader(".dmat", _dmat, mutations.words),
     "weights": Reader(".npz", read_weights, mutations.npz),
     "smpl": Reader(".npz", read_smpl, mutations.npz),
+    "amass": Reader(".npz", _amass, mutations.npz),
     "npy": Reader(".npy", read_npy, mutations.npy),
     "rignet": Reader(".txt", read_rignet, mutations.words),
     "mhskel": Reader(".mhskel", _mhskel, mutations.json),
     "mhw": Reader(".mhw", lambda path: read_mhw(path, BONES), mutations.json),
     "motion": Reader(".json", _motion, mutations.json),
     "bone_map": Reader(".json", read_bone_map, mutations.json),
-    "bvh": Reader(".bvh", read_bvh, mutations.words),
+    "bvh": Reader(".bvh", _bvh, mutations.words),
     "gltf": Reader(".gltf", read_gltf, mutations.gltf),
     "glb": Reader(".glb", read_gltf, mutations.glb),
     "archive": Reader(".nilbs", _archive, mutations.archive),

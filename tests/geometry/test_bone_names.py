@@ -1,8 +1,13 @@
+from itertools import permutations
+
 import numpy as np
 import pytest
 
-from nilbs.geometry.bone_names import bone_name, matching_bones
+from nilbs.geometry.bone_names import bone_name, matching_bones, without_prefix
+from nilbs.geometry.retargeting import guess_bone_map
 from nilbs.geometry.skeleton import Skeleton
+
+from .conventions import CONVENTIONS, MAIN, person
 
 
 def chain(*names: str, parents: list[int] | None = None, lengths: list[float] | None = None) -> Skeleton:
@@ -26,6 +31,19 @@ def matched(source: Skeleton, target: Skeleton) -> dict[str, str]:
         ("mixamorig:LeftForeArm", ("l", "forearm", ())),
         ("Character|mixamorig:RightUpLeg", ("r", "thigh", ())),
         ("Bip01 R Calf", ("r", "shin", ())),
+        ("ValveBiped.Bip01_L_UpperArm", ("l", "upperarm", ())),
+        ("mixamorigLeftArm", ("l", "arm", ())),
+        ("Armature|Hero:mixamorig12:LeftArm", ("l", "arm", ())),
+        ("Character1_LeftForeArm", ("l", "forearm", ())),
+        ("rhumerus", ("r", "upperarm", ())),
+        ("root", ("", "root", ())),
+        ("ring_01_l", ("l", "ring", (1,))),
+        ("ElbowLeft", ("l", "forearm", ())),
+        ("kneeright", ("r", "shin", ())),
+        ("Arm_Lft", ("l", "arm", ())),
+        ("thigh_rt", ("r", "thigh", ())),
+        ("l_upperarmtwist1", ("l", "upperarm", (1,))),
+        ("左ひじ", ("l", "forearm", ())),
         ("lShldrBend", ("l", "shoulder", ())),
         ("DEF-upper_arm.L.001", ("l", "upperarm", (1,))),
         ("J_Bip_L_LowerLeg", ("l", "shin", ())),
@@ -159,3 +177,82 @@ def test_equal_names_match_without_any_meaning() -> None:
         name: name for name in ("joint0", "joint1", "joint2")
     }
     assert matched(source, chain("joint0", "joint7")) == {}
+
+
+@pytest.mark.parametrize("target", CONVENTIONS)
+def test_each_convention_is_mapped_on_every_other_and_no_bone_on_another_part(target: str) -> None:
+    rig, parts = person(target)
+    for other in CONVENTIONS:
+        source, source_parts = person(other)
+        pairs = guess_bone_map(source, rig)
+        wrong = {(name, led) for name, led in pairs.items() if parts[name] != source_parts[led]}
+        assert not wrong, other
+        found = {parts[name] for name in pairs}
+        assert found >= set(MAIN) & set(parts.values()) & set(source_parts.values()), other
+        assert len(set(MAIN) & found) >= 15
+
+
+def test_pieces_that_twist_lead_no_other_bone() -> None:
+    for source, rig in permutations(("Unreal", "Daz", "HumanIK with rolls", "Mixamo", "Character Creator"), 2):
+        led = guess_bone_map(person(source)[0], person(rig)[0]).values()
+        assert not [name for name in led if "wist" in name.replace("NeckTwist", "") or "Roll" in name]
+
+
+FINGERS = {
+    "Mixamo": "LeftHandIndex1 LeftHandIndex2 LeftHandIndex3",
+    "Unity": "LeftIndexProximal LeftIndexIntermediate LeftIndexDistal",
+    "Unreal": "index_01_l index_02_l index_03_l",
+    "Rigify": "DEF-f_index.01.L DEF-f_index.02.L DEF-f_index.03.L",
+    "SMPL": "left_index1 left_index2 left_index3",
+    "VRoid": "J_Bip_L_Index1 J_Bip_L_Index2 J_Bip_L_Index3",
+    "Daz": "lIndex1 lIndex2 lIndex3",
+    "MakeHuman": "finger2-1.L finger2-2.L finger2-3.L",
+}
+
+
+@pytest.mark.parametrize("target", FINGERS)
+def test_joints_of_a_finger(target: str) -> None:
+    for source in FINGERS:
+        names, led = FINGERS[target].split(), FINGERS[source].split()
+        assert matched(chain(*led), chain(*names)) == dict(zip(names, led, strict=True)), source
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["Model_Hips", "Model_Head", "Model_LeftArm"], ["Hips", "Head", "LeftArm"]),
+        (["a:Rig_Hips", "a:Rig_Head", "a:Rig_Hand.L"], ["Hips", "Head", "Hand.L"]),
+        # Nearly all.
+        (["Fox_Hips", "Fox_Head", "Fox_Neck", "Fox_Spine", "Mesh"], ["Hips", "Head", "Neck", "Spine", "Mesh"]),
+        (["Eel_Fin", "Eel_Gill", "Eel_Jaw", "Eel_Mouth"], ["Fin", "Gill", "Jaw", "Mouth"]),
+        (["hunterhips", "hunterhead", "hunterneck"], ["hips", "head", "neck"]),
+        # What belongs to the meaning stays.
+        *[
+            (names, names)
+            for names in (
+                ["LeftArm", "LeftForeArm", "LeftHand"],
+                ["l_arm", "l_forearm", "l_hand", "l_clavicle"],
+                ["hand_thumb", "hand_index", "hand_ring", "hand_pinky"],
+                ["Tail_01", "Tail_02", "Tail_03", "Tail_04"],
+                ["Spine", "Spine1", "Spine2"],
+                ["arm_upper", "arm_lower"],
+                ["Hips", "Head"],
+                ["Tail_Tip", "Tail_End"],
+                ["bone"],
+                [],
+            )
+        ],
+    ],
+)
+def test_a_prefix_of_nearly_all_names_is_left_out(names: list[str], expected: list[str]) -> None:
+    found = without_prefix(names)
+    assert [bone_name(name) for name in found] == [bone_name(name) for name in expected]
+
+
+def test_a_prefix_of_one_rig_alone_hides_no_pair() -> None:
+    names = ["Hips", "Spine", "LeftArm", "RightArm", "Antenna", "Wing1", "Wing2"]
+    source = chain(*names)
+    for prefix in ("Model_", "Model:", "Character1_", "Skeleton_", "mixamorig", "mixamorig1:", "Armature|", "A|B:c_"):
+        target = chain(*(prefix + name for name in names))
+        assert matched(source, target) == {prefix + name: name for name in names}
+        assert matched(target, source) == {name: prefix + name for name in names}

@@ -1,12 +1,13 @@
 from functools import lru_cache
 
+import igl
 import numpy as np
 import pytest
 
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.level_sets import isosurface
 from nilbs.geometry.rig_weights import SolvedWeights, check_rig_fits, solve_weights
-from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
+from nilbs.geometry.skeleton import Skeleton, skeleton_of_bones, skeleton_of_joints
 from nilbs.geometry.volume import element_volumes
 
 DIMENSIONS = pytest.mark.parametrize("d", [2, 3])
@@ -316,3 +317,38 @@ def test_wrong_meshes_are_refused(V: np.ndarray, E: np.ndarray, message: str) ->
 def test_progress_goes_to_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
     solve_weights(*limb(2), rig(2), progress=True)
     assert capsys.readouterr().out == ""
+
+
+POINTS = np.array([[-0.6, 0.1, 0], [0.6, 0.05, 0], [-0.3, 0, 0], [0.2, 0, 0]])
+
+
+@DIMENSIONS
+@pytest.mark.parametrize("method", ["joint", "igl"])
+def test_point_handles_hold_their_place(d: int, method: str) -> None:
+    C = POINTS[:, :d]
+    found = solved(*limb(d), skeleton_of_bones(C, [[0, 0], [1, 1], [2, 3]]), method=method)
+    assert found.notes == ()
+    held = [np.linalg.norm(found.V_volume - x, axis=1).argmin() for x in C]
+    np.testing.assert_allclose(found.V_volume[held], C, atol=1e-9)
+    np.testing.assert_allclose(found.W_volume[held], np.eye(3)[[0, 1, 2, 2]], atol=1e-6)
+    x = limb(d)[0][:, 0]
+    np.testing.assert_array_equal(found.W[x < -0.6].argmax(axis=1), 0)
+    np.testing.assert_array_equal(found.W[x > 0.6].argmax(axis=1), 1)
+
+
+def test_point_handles_are_in_the_order_of_libigl() -> None:
+    found = solved(*limb(3), skeleton_of_bones(POINTS, [[0, 0], [1, 1], [2, 3]]))
+    points, bones = np.array([0, 1]), np.array([[2, 3]])
+    fixed, W_fixed = igl.boundary_conditions(found.V_volume, found.T, POINTS, points, bones)
+    assert {tuple(row) for row in W_fixed.tolist()} == {(1, 0, 0), (0, 1, 0), (0, 0, 1)}
+    np.testing.assert_allclose(found.W_volume[fixed], W_fixed, atol=1e-6)
+
+
+@DIMENSIONS
+def test_a_rig_of_points_alone(d: int) -> None:
+    V, E = limb(d)
+    C = np.array([[-0.7, 0, 0], [0, 0.1, 0], [0.7, 0, 0]])[:, :d]
+    W = solved(V, E, skeleton_of_bones(C, [[0, 0], [1, 1], [2, 2]])).W
+    for point in range(3):
+        nearest = np.argsort(np.linalg.norm(V - C[point], axis=1))[:5]
+        np.testing.assert_array_equal(W[nearest].argmax(axis=1), point)

@@ -132,23 +132,10 @@ def test_any_channels_against_a_slow_twin(bvh, seed):
     text += f"Motion\nframes: {t}\nFRAME TIME: .1\n" + "\n".join(" ".join(map(str, row)) for row in motion)
     parts = bvh(text)
     assert parts.skeleton.names == tuple(f"j{j}" for j in order)
-    assert parts.notes == ()
+    assert all("take the place of their OFFSETs" in note for note in parts.notes)
     rest = slow_twin([(parent, offset, []) for parent, offset, _ in joints], [])
     expected = np.array([slow_twin(joints, row) @ np.linalg.inv(rest) for row in motion])
     assert np.abs(parts.clips[0].B - expected).max() < 1e-9 * np.abs(expected).max()
-
-
-def test_positions_take_the_place_of_the_offset_or_are_added_to_it(bvh):
-    text = (
-        "ROOT a {{ OFFSET 0 5 0 CHANNELS 1 Yposition JOINT b {{ OFFSET 0 0 7 CHANNELS 2 Xposition Zposition }} }}\n"
-        "MOTION\nFrames: 2\nFrame Time: 1\n0 0 {}\n0 2 {}\n"
-    )
-    absolute = bvh(text.format("7", "8"))
-    moved = absolute.clips[0].B[:, :, :3, 3]
-    assert moved.tolist() == [[[0, -5, 0], [0, -5, 0]], [[0, -5, 0], [2, -5, 1]]]
-    relative = bvh(text.format("0", "1"))
-    assert np.array_equal(relative.clips[0].B, absolute.clips[0].B)
-    assert relative.notes == ("positions of joints below the roots are near zero: they were added to the OFFSETs",)
 
 
 def test_spaces_tabs_and_cases(bvh):
@@ -226,10 +213,7 @@ TOP = "HIERARCHY\nROOT a\n{\n"
         (HEAD + "Frames: 1\nFrame Time: nan\n", ":28: 'nan' is not a finite number"),
         (HEAD + "Frames: 1\nFrame Time: -1\n", ':28: a line "Frame Time'),
         (HEAD + "Frames: 1\nFrame Time: 1 2\n", ':28: a line "Frame Time'),
-        (WALK.replace("Frames: 2", "Frames: 3"), ":30: the motion ends after 2 of 3 frames"),
-        (WALK.replace("Frames: 2", "Frames: 999999999"), ":30: the motion ends after 2 of 999999999 frames"),
-        (WALK.replace("Frames: 2", "Frames: 1"), ":30: the motion goes on after its 1 frames"),
-        (WALK.replace(" -70", ""), ":30: a frame has 10 numbers, one for every channel"),
+        (WALK.replace("0 9 1 0", "9 1 0"), ":29: a frame has 10 numbers, one for every channel"),
         (WALK.replace(" -70", " 1 2"), ":30: a frame has 10 numbers"),
         (WALK.replace("-70", "nan"), ":30: 'nan' is not a finite number"),
         (WALK.replace("-70", "7_0"), ":30: '7_0' is not"),
@@ -411,7 +395,8 @@ def test_real_files(data, tmp_path, name, b, t):
     parts = read_bvh(data / "makehuman" / f"{name}.bvh")
     (clip,) = parts.clips
     assert clip.B.shape == (t, b, 4, 4)
-    assert len(parts.notes) == (name == "tpose")  # whose positions are relative
+    decided = {"tpose": ["are added to their OFFSETs (143)"], "walk1": ["the root 'Root' are zero: it stays"]}
+    assert all(words in note for words, note in zip(decided.get(name, []), parts.notes, strict=True))
     write_bvh(tmp_path / "a.bvh", clip)
     read_B, ends, _ = by_name(read_bvh(tmp_path / "a.bvh").clips[0], clip.skeleton.names)
     assert np.abs(ends - clip.skeleton.C[clip.skeleton.BE]).max() < 1e-12

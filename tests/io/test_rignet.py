@@ -57,8 +57,9 @@ def test_lines_in_any_order_and_with_any_spaces(rig):
 
 def test_names_of_any_bytes(rig):
     parts = rig("joints Hüfte:1/#{} 0 0 0\n".encode() + b"joints H\xff 0 0 1\njoints H\xfe 0 0 2\n")
-    assert parts.skeleton.names == ("Hüfte:1/#{}", "H\ufffd", "H\ufffd_2")
+    assert parts.skeleton.names == ("Hüfte:1/#{}", "Hÿ", "Hþ")
     assert parts.influences is None
+    assert parts.notes[0] == "its text is not UTF-8: it was read as Windows-1252"
 
 
 def test_several_roots_are_noted(rig):

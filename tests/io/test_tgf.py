@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from nilbs.geometry.kinematics import bone_parents
-from nilbs.geometry.skeleton import Skeleton
+from nilbs.geometry.skeleton import Skeleton, skeleton_of_bones
 from nilbs.io import FileFormatError, read_tgf, write_tgf
-from nilbs.io.tgf import write_tgf_skeleton
+from nilbs.io.tgf import read_tgf_rig, write_tgf_skeleton
 
 
 @pytest.fixture
@@ -40,9 +40,10 @@ TWO = "1 0 0 0\n2 1 0 0\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (TWO + "#\n#\n", ": the rig has no bone"),
         (TWO, ": the rig has no bone"),
         ("#\n", ": the rig has no bone"),
+        (TWO + "3 0 0 0\n#\n1 2 1 0 0\n2 3 0 0 1\n", ":6: joints 2 and 3 are a cage edge, along which weights are not"),
+        (TWO + "#\n1 2 1 0 1\n", ":4: joints 1 and 2 are a cage edge"),
         ("1 0 0\n", ":1: a joint needs an index and three coordinates"),
         ("x 0 0 0\n", ":1: a joint needs an index"),
         ("-1 0 0 0\n", ":1: a joint needs an index"),
@@ -100,12 +101,70 @@ def test_skeletons_whose_joints_are_not_shared(tmp_path, rng, form, d):
     assert all(f"'bone{bone}'" in notes[0] for bone in lost)
     if form in ("as the file has it", "child first"):
         assert np.array_equal(BE_read, BE)
-        assert np.array_equal(C_read[:, :d], C)
+        assert np.array_equal(C_read[:, :d], C[: len(C_read)])  # joints of no bone would be point handles
 
 
 def test_names_are_not_held(tmp_path):
     (note,) = write_tgf_skeleton(tmp_path / "a.tgf", Skeleton([[0, 0], [1, 0]], [[0, 1]], [-1], ["arm"]))
     assert "no names" in note
+
+
+def rig(tmp_path, text):
+    (tmp_path / "a.tgf").write_text(text)
+    parts = read_tgf_rig(tmp_path / "a.tgf")
+    return parts.skeleton, parts.notes
+
+
+FOUR = "1 0.5 0.7 0\n2 3 0.7 0\n3 5.5 0.7 0\n4 3 1.2 0\n#\n"
+
+
+def test_joints_of_no_bone_are_point_handles(tmp_path):
+    s, notes = rig(tmp_path, FOUR + "1 2\n2 3\n")
+    assert s.names == ("point0", "bone0", "bone1")
+    assert s.BE.tolist() == [[3, 3], [0, 1], [1, 2]]
+    assert s.P.tolist() == [-1, -1, 1]
+    assert s.points.tolist() == [0]
+    assert notes == ("joints of no bone are point handles, with weights of their own (1): point0 (joint 4)",)
+    s, _ = rig(tmp_path, FOUR)
+    assert s.BE.tolist() == [[0, 0], [1, 1], [2, 2], [3, 3]]
+    assert s.names == ("point0", "point1", "point2", "point3")
+
+
+def test_flags_tell_bones_from_other_edges(tmp_path):
+    pseudo = "pseudo-edges are left out: 1, in line 8 first"
+    for flags in ("0 1 0", "0 1"):
+        s, notes = rig(tmp_path, FOUR + f"1 2 1 0 0\n2 3 1 0 0\n2 4 {flags}\n")
+        assert s.names == ("point0", "bone0", "bone1")
+        assert notes[0] == pseudo
+    s, notes = rig(tmp_path, FOUR + "1 2 1 0 0\n2 3 1 0 0\n2 4 0 0 0\n")
+    assert notes[0] == "edges that are no bones are left out: 1, in line 8 first"
+    # A bone that is a pseudo-edge too; a label alone, or words that are no flags.
+    s, notes = rig(tmp_path, FOUR + "1 2 0\n2 3 a 1 0\n2 4 1 1 0\n")
+    assert s.names == ("bone0", "bone1", "bone2")
+    assert notes == (pseudo,)
+
+
+def test_point_handles_are_written_as_joints(tmp_path, rng):
+    C = rng.normal(size=(5, 3))
+    BE = np.array([[3, 3], [4, 4], [0, 1], [1, 2]])
+    write_tgf(tmp_path / "a.tgf", C, BE)
+    assert np.array_equal(read_tgf(tmp_path / "a.tgf")[1], BE)
+    s = skeleton_of_bones(C, BE)
+    assert write_tgf_skeleton(tmp_path / "b.tgf", s) == ()
+    again = read_tgf_rig(tmp_path / "b.tgf").skeleton
+    assert np.array_equal(again.C[again.BE], C[BE])
+    assert (again.names, again.P.tolist()) == (s.names, s.P.tolist())
+    points = skeleton_of_bones(C, np.repeat(np.arange(5)[:, None], 2, axis=1))
+    assert write_tgf_skeleton(tmp_path / "c.tgf", points) == ()
+    assert np.array_equal(read_tgf(tmp_path / "c.tgf")[0], C)
+    # Where they do not come first they are bones without length, which keep their place.
+    late = Skeleton(C, BE[[2, 0, 3, 1]], [-1, -1, 0, -1], s.names)
+    write_tgf_skeleton(tmp_path / "d.tgf", late)
+    C_read, BE_read = read_tgf(tmp_path / "d.tgf")
+    assert np.array_equal(C_read[BE_read], C[late.BE])
+    for wrong in (BE[[2, 0, 3, 1]], BE[[1, 0, 2, 3]], [[0, 0], [0, 1]]):
+        with pytest.raises(ValueError, match="BE: point handles, a joint twice, come before bones"):
+            write_tgf(tmp_path / "e.tgf", C, wrong)
 
 
 def test_a_long_chain_is_read(tgf):

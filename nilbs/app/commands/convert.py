@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
     from dataclasses import replace
 
     from nilbs.app.output import show
-    from nilbs.app.poses import retargeting, retargeting_options
+    from nilbs.app.poses import bvh_positions, retargeting, retargeting_options
     from nilbs.characters.bundle import character_of, load_bundle
     from nilbs.characters.clips import clips_named, on_skeleton
     from nilbs.characters.report import Detail
@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> None:
         check_writable(args.write_map, inputs=[*args.inputs, *([] if args.map is None else [args.map])])
     check_outputs(args.output, inputs=args.inputs)
     notes: list[str] = []
-    bundle = load_bundle(args.inputs, group=args.group, solve=args.solve, report=notes.append)
+    positions = bvh_positions(args, *args.inputs)
+    bundle = load_bundle(args.inputs, group=args.group, solve=args.solve, positions=positions, report=notes.append)
     rigs = [path for path, parts in bundle.taken.items() if "rig" in parts]
     clips = clips_named(bundle.clips, args.clip) if args.clip is not None and bundle.clips else bundle.clips
     foreign = [clip for clip in clips if clip.file not in rigs and clip.skeleton is not bundle.skeleton]

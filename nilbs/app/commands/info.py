@@ -2,7 +2,7 @@
 
 import argparse
 
-from nilbs.app.options import add_group, add_json
+from nilbs.app.options import add_group, add_json, add_positions
 
 _OWN_LINES = ("file", "notes", "problems", "verdict")
 
@@ -14,10 +14,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="FILE",
         help="a mesh (.obj, .ply, .off, .stl, .3mf), rig (.tgf, .txt, .mhskel), all of a character (.glb, .gltf, .fbx, "
-        ".npz), motion (.dmat, .json, .bvh), weights (.dmat, .npz, .mhw), points (.npy) or model (.nilbs); several "
-        "are also checked against each other",
+        ".npz), motion (.dmat, .json, .bvh, .npz of AMASS), weights (.dmat, .npz, .mhw), points (.npy) or "
+        "model (.nilbs); several are also checked against each other",
     )
     add_group(parser)
+    add_positions(parser)
     add_json(parser)
 
 
@@ -26,15 +27,17 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.app.agreement import disagreements
     from nilbs.app.descriptions import describe, describe_model, describe_points
     from nilbs.app.output import rows, show
+    from nilbs.app.poses import bvh_positions
     from nilbs.characters.bundle import read_files
     from nilbs.io import check_suffix, read_npy
     from nilbs.io.registry import READABLE
 
     suffixes = {path: check_suffix(path, *READABLE, ".npy", ".nilbs") for path in args.files}
     points = {path: read_npy(path) for path, suffix in suffixes.items() if suffix == ".npy"}
-    files = read_files([path for path, suffix in suffixes.items() if suffix not in (".npy", ".nilbs")])
+    paths = [path for path, suffix in suffixes.items() if suffix not in (".npy", ".nilbs")]
+    files = read_files(paths, positions=bvh_positions(args, *paths))
     # A rig's file comes before the skeleton of a motion.
-    skeletons = sorted(files, key=lambda path: suffixes[path] == ".bvh")
+    skeletons = sorted(files, key=lambda path: files[path].is_motion)
     rig = next((files[path].skeleton for path in skeletons if files[path].skeleton is not None), None)
     reports = []
     for path, suffix in suffixes.items():

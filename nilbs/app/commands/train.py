@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> None:
     from time import perf_counter
 
     from nilbs.app.output import show
-    from nilbs.app.poses import print_note, training_motion
+    from nilbs.app.poses import bvh_positions, print_note, training_motion
     from nilbs.characters.bundle import character_of, load_bundle
     from nilbs.io import check_suffix, check_writable
 
@@ -88,7 +88,14 @@ def run(args: argparse.Namespace) -> None:
         raise ValueError("--random and --motion each give a motion: leave one out")
     method = chosen_method(args)
     start = perf_counter()
-    bundle = load_bundle(args.files, weights=args.weights, group=args.group, solve=args.solve, report=print_note)
+    bundle = load_bundle(
+        args.files,
+        weights=args.weights,
+        group=args.group,
+        solve=args.solve,
+        positions=bvh_positions(args, *args.files, args.motion or ""),
+        report=print_note,
+    )
     given = training_motion(args, bundle)
     # These take a while to import: files that do not fit are reported before.
     from nilbs.app.memory import peak_memory_mib

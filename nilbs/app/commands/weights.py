@@ -112,7 +112,8 @@ def _solved(args: argparse.Namespace, noted: Callable[[str], None]) -> "tuple[Bu
         "seconds": seconds,
         "method": solved.method,
         "vertices": len(mesh.V),
-        "bones": len(skeleton.BE),
+        "bones": len(skeleton.BE) - len(skeleton.points),
+        **({"point_handles": len(skeleton.points)} if len(skeleton.points) else {}),
         "volume_vertices": len(solved.V_volume),
     }
     return replace(bundle, influences=Influences.of_matrix(solved.W)), solved.W, values
