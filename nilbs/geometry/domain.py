@@ -23,6 +23,7 @@ DECIMATED = 10_000  # facets
 SPACING = 0.023  # of the diagonal: edge of the elements inside a slender body
 QUALITY = 2**0.5  # circumradius over shortest edge of the worst element
 ELEMENTS = 25_000  # inside a bulky one, whose elements are larger
+FLAT_SPACING = 0.02  # of the diagonal: between vertices that are added in the plane
 LONGEST_EDGE = 0.05  # of the diagonal; a surface of few triangles with longer edges is refined
 RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second if the first cannot be filled
 BLOCKS = 56  # cells along the longest edge of the blocks, which are used if nothing finer can be filled
@@ -77,7 +78,7 @@ def volume_domain(V: np.ndarray, E: np.ndarray, points: np.ndarray, *, coarsenes
         notes.append(f"{len(E) - len(E_welded)} triangles were collapsed or repeated others, and do not count")
     E = E_welded
     if flat:
-        V_volume, T = conforming_triangles(surface, E, points)
+        V_volume, T = conforming_triangles(surface, E, points, spacing=FLAT_SPACING)
         first = len(surface)
     else:
         F, _ = coherent_orientation(surface, E)

@@ -64,5 +64,8 @@ def boundary_facets(T: np.ndarray) -> np.ndarray:
     else:
         sides = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
     F = T[:, sides].reshape(-1, T.shape[1] - 1)
-    _, index, count = np.unique(np.sort(F, axis=1), axis=0, return_index=True, return_counts=True)
-    return F[np.sort(index[count == 1])]
+    corners = np.sort(F, axis=1)
+    order = np.lexsort(corners.T)
+    differs = np.ones(len(F) + 1, dtype=bool)  # from the facet before, in this order
+    differs[1:-1] = (np.diff(corners[order], axis=0) != 0).any(axis=1)
+    return F[np.sort(order[differs[:-1] & differs[1:]])]

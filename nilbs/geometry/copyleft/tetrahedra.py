@@ -53,7 +53,7 @@ def _tetgen(V: np.ndarray, F: np.ndarray, flags: str) -> tuple[np.ndarray, np.nd
     with TemporaryDirectory() as folder:
         np.savez(Path(folder, "surface.npz"), V=V, F=F, flags=flags)
         done = subprocess.run(
-            [sys.executable, "-P", str(PROGRAM)],
+            [sys.executable, "-P", "-S", str(PROGRAM)],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))},
             stdin=subprocess.DEVNULL,
