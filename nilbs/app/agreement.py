@@ -6,6 +6,7 @@ import numpy as np
 
 from nilbs.app.descriptions import mesh_of, outline
 from nilbs.characters.character import in_dimension
+from nilbs.geometry.bone_names import matching_bones
 from nilbs.geometry.facets import seamless
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.rig_diagnosis import rig_report, tips
@@ -47,7 +48,10 @@ def disagreements(files: Mapping[str, Bundle], points: Mapping[str, np.ndarray],
             columns = shape[1] if shape else len(bundle.skeleton.BE) if bundle.influences and bundle.skeleton else b
             if columns != b:
                 found(other, path, [f"weights of {columns} bones, but the rig has {b}"])
-            if any(not set(skeleton.names) & set(clip.skeleton.names) for clip in bundle.clips):
+            if any(
+                not set(skeleton.names) & set(clip.skeleton.names) and not matching_bones(clip.skeleton, skeleton)
+                for clip in bundle.clips
+            ):
                 found(other, path, ["no bone of the motion has the name of one of the rig: it will take a map"])
             found(other, path, _motion_of_rig(bundle.motion, skeleton))
     return list(dict.fromkeys(problems))

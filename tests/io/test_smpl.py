@@ -55,6 +55,11 @@ def test_roots_of_any_integer_type(smpl, rng, kind):
     assert smpl({**body(rng), "kintree_table": table}).skeleton.P.tolist() == [-1, 0, 1, -1]
 
 
+@pytest.mark.parametrize("table", [[[0, 0, 1, 3], [0, 1, 2, 3]], [[7, 7, 9, 6], [7, 9, 5, 6]]])
+def test_a_root_may_be_its_own_parent(smpl, rng, table):
+    assert smpl({**body(rng), "kintree_table": np.array(table)}).skeleton.P.tolist() == [-1, 0, 1, -1]
+
+
 def test_joints_are_found_by_their_number(smpl, rng):
     table = np.array([[-1, 7, 9, 7], [7, 9, 5, 6]])
     assert smpl({**body(rng), "kintree_table": table}).skeleton.P.tolist() == [-1, 0, 1, 0]
