@@ -117,7 +117,7 @@ def test_a_network_may_keep_the_forward_weights(characters, tmp_path: Path, quer
     np.testing.assert_array_equal(load_model(tmp_path / "network.nilbs").distance(x, pose), model.distance(x, pose))
     assert (
         model.config.items()
-        >= {"method": "nilbs", "forward": "network", "encoding": "parameters", "steps": 150}.items()
+        >= {"method": "nilbs", "forward_map": "network", "encoding": "parameters", "steps": 150}.items()
     )
 
 
@@ -141,7 +141,7 @@ def objective(character: Character, **changes) -> Objective:
         ({}, [WeightTerm]),
         ({"weight_loss": 0.0}, [WeightTerm]),  # the position loss is still there
         ({"weight_loss": 0.0, "position_loss": 0.0}, []),
-        ({"forward": "network"}, [WeightTerm, ForwardWeightTerm]),
+        ({"forward_map": "network"}, [WeightTerm, ForwardWeightTerm]),
         ({"method": "nasa"}, [NasaWeightTerm]),
         ({"method": "nasa", "weight_loss": 0.0}, []),
         ({"method": "snarf"}, [SnarfBoneTerm]),

@@ -290,7 +290,7 @@ def test_the_shapes_that_files_are_checked_by_are_those_of_the_field(
     d: int, encoding: str, ghost: bool, forward: str, models
 ) -> None:
     model = models[d]
-    method = replace(model.method, encoding=encoding, ghost=ghost, forward=forward, width=5, depth=4)
+    method = replace(model.method, encoding=encoding, ghost=ghost, forward_map=forward, width=5, depth=4)
     state = method.field_around(model.character, model.rest).state_dict()
     assert method.parameter_shapes(model.character) == {name: tuple(tensor.shape) for name, tensor in state.items()}
 
