@@ -27,7 +27,7 @@ def test_options_stand_beside_the_bones(tmp_path):
         (b'{"a": "b", "a": "c"}', "'a' stands twice in one object"),
         (b'{"a": "b"\n', ":2: this is no JSON"),
         (b"", "the file is empty"),
-        (b"\xff\xfe", "this JSON cannot be used"),
+        (b"\xff\xfe", "this is no JSON"),
         (b"[" * 100_000, "nested too deep"),
     ],
 )

@@ -126,7 +126,7 @@ def test_obj_polyline_is_its_edges(obj):
     ("text", "message"),
     [
         ("v 0 0 1\nv 1 0\n", ":2: a vertex needs three coordinates, got 2"),
-        ("v 0 0 1\rv 1 0 0\rv 1 1 0\r", ":1: a vertex needs three coordinates, got 11"),
+        ("v 0 0 1\rv 1 0\rv 1 1 0\r", ":2: a vertex needs three coordinates, got 2"),
         ("v 0 0 1\nv 1 x 0\n", ":2: 'x' is not a finite number"),
         ("v 0 0 1\nv 1 1_0 0\n", ":2: '1_0' is not a finite number"),
         ("v 0 0 nan\n", ":1: 'nan' is not a finite number"),
