@@ -15,7 +15,7 @@ _ALIKE = 3  # joints that show another unit
 
 @dataclass(frozen=True)
 class Channels:
-    """The position channels of a file: column c is along `axis[c]` of joint `of[c]`.
+    """The position channels of a file, joint by joint: column c is along `axis[c]` of joint `of[c]`.
 
     `offset` (b, 3) are the OFFSETs, `root` (b,) whether a joint is a root, `names` what notes call the joints.
     """
@@ -60,7 +60,9 @@ def placed(positions: np.ndarray, channels: Channels, how: str = "auto") -> Plac
         offset[of[below], axis[below]] = positions[0, below]
         notes.append("all OFFSETs below the roots are zero: the first frame's positions are taken for them")
         return Placed(positions, offset, tuple(notes))
-    joints = [columns for joint in np.unique(of[below]) if given[columns := np.flatnonzero(of == joint)].any()]
+    # The columns of each joint whose OFFSET they could repeat.
+    each = np.split(np.arange(len(of)), np.flatnonzero(np.diff(of)) + 1) if len(of) else []
+    joints, roots = ([c for c in each if root[of[c[0]]] == is_root and given[c].any()] for is_root in (False, True))
     factor = _factor(positions, given, joints)
     if factor is not None:
         positions = positions / factor
@@ -70,11 +72,11 @@ def placed(positions: np.ndarray, channels: Channels, how: str = "auto") -> Plac
         added[below], reason = _added(positions, given, joints)
         do = "are added to" if added[below].any() else "take the place of"
         notes.append(f"positions of joints below the roots {do} their OFFSETs ({len(joints)}): {reason}")
-    for joint in np.flatnonzero(root).tolist():
-        columns = np.flatnonzero(of == joint)
-        if given[columns].any() and _near(positions, np.zeros_like(given), given, columns, _STILL).all():
+    for columns in roots:
+        if _near(positions, np.zeros_like(given), given, columns, _STILL).all():
             added[columns] = True
-            notes.append(f"the positions of the root {channels.names[joint][:60]!r} are zero: it stays at its OFFSET")
+            name = channels.names[of[columns[0]]]
+            notes.append(f"the positions of the root {name[:60]!r} are zero: it stays at its OFFSET")
     return Placed(positions + np.where(added, given, 0.0), offset, tuple(notes))
 
 
