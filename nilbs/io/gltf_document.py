@@ -149,8 +149,8 @@ class Document:
             offset = self.whole(entry, "byteOffset", name, default=0)
             values = self._strided(self.whole(entry, "bufferView", name), offset, count, width, dtype, name)
         else:
-            if "sparse" not in entry:
-                self._refuse_held([*held, *self.extensions(entry, name), *self._compressions], name)
+            listed = [] if "sparse" in entry else self._compressions
+            self._refuse_held([*held, *self.extensions(entry, name), *listed], name)
             values = np.zeros((count, width), dtype)
         if "sparse" in entry:
             values = self._replaced(values, self.section(entry, "sparse", name), name)
