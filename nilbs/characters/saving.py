@@ -199,7 +199,8 @@ def _motion(b: Bundle) -> tuple[Clip, tuple[str, ...]]:
         start = times[-1][-1] + step if len(clip.times) else start
     names = listed([clip.name for clip in b.clips])
     note = f"it holds one motion: all {len(b.clips)} were written, one after the other ({names}); --clip chooses one"
-    return replace(first, times=np.concatenate(times), B=np.concatenate([clip.B for clip in b.clips])), (note,)
+    B = np.concatenate([clip.B for clip in b.clips])
+    return Clip(first.name, first.skeleton, np.concatenate(times), B), (note,)
 
 
 def _holds_motion(path: Path, b: Bundle) -> bool:

@@ -90,6 +90,9 @@ def test_point_handles_have_weights(assets, tmp_path, succeeds, nilbs):
     rig.write_text("1 .5 .5 0\n2 3.5 .5 0\n#\n")
     values = succeeds("weights", assets / "bar2.obj", rig)
     assert (values["bones"], values["point_handles"]) == (0, 2)
+    status, _, err = nilbs("train", assets / "bar2.obj", rig, "--steps", 0, "-o", tmp_path / "m.nilbs")
+    assert status == 0
+    assert "every bone is a root, and random motion turns all bones but these" in err
 
 
 @pytest.mark.parametrize("prefix", ["Model_", "Model:", "mixamorig", "mixamorig1:", "Armature|Skeleton_"])

@@ -141,7 +141,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _random_motion(args: argparse.Namespace, character: "Character") -> "Motion":
+    from nilbs.app.poses import print_note
     from nilbs.characters.motion import random_motion
 
+    if (character.skeleton.P < 0).all():
+        print_note("every bone is a root, and random motion turns all bones but these: give a motion with --motion")
     amplitude = AMPLITUDE if args.amplitude is None else args.amplitude
     return random_motion(character, frames=args.frames, amplitude=amplitude, seed=args.seed)
