@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     >>> main(["info", "no-such-file.obj"])
     2
     """
-    words = list(sys.argv[1:] if argv is None else argv)
+    words = with_axes(sys.argv[1:] if argv is None else argv)
 
     def run() -> None:
         args = parser_of(words).parse_args(words)
@@ -71,6 +71,23 @@ def exit_status(run: Callable[[], None]) -> int:
         _print_error(message)
         return 2
     return 0
+
+
+def with_axes(words: Sequence[str]) -> list[str]:
+    """The words, with a negative axis joined to its option: argparse would take it for an option of its own.
+
+    Examples
+    --------
+    >>> with_axes(["convert", "--up", "z", "--forward", "-y"])
+    ['convert', '--up', 'z', '--forward=-y']
+    """
+    joined: list[str] = []
+    for word in words:
+        if joined and joined[-1] in ("--up", "--forward") and word in ("-x", "-y", "-z"):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
 
 
 def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:

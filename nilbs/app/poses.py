@@ -33,14 +33,14 @@ def notes(args: argparse.Namespace) -> "Report":
     """Prints notes on standard error; details only with --verbose."""
     from nilbs.characters.report import Detail
 
-    left_out = 0
+    hinted = False
 
     def note(line: str) -> None:
-        nonlocal left_out
+        nonlocal hinted
         if args.verbose or not isinstance(line, Detail):
             print_note(line)
-        elif not left_out:
-            left_out = 1
+        elif not hinted:
+            hinted = True
             print_note("which bones follow which is shown by --verbose")
 
     return note

@@ -92,7 +92,7 @@ def reference_pose(
     Raises
     ------
     ValueError
-        If the motion has no such frame, or an axis is none.
+        If the motion has no such frame, an axis is none, or one is named for motion in the plane.
 
     Notes
     -----
@@ -112,7 +112,9 @@ def reference_pose(
     frame, unlike = _found(x, x_rest, x_target, rises) if rest_frame is None else (rest_frame, False)
     turns = quarter_turns(d)
     for name, own in ((up, rises), (forward, looks)):
-        if name is not None and d == 3:
+        if name is not None:
+            if d == 2:
+                raise ValueError("up and forward are axes of a motion in space, and the character is flat")
             axis = _axis(name)
             turns = [R for R in turns if (R @ axis == own).all()]
     if not turns:

@@ -315,6 +315,10 @@ def test_motions_of_another_rest_pose_stand_upright_and_are_shown(nilbs, tmp_pat
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     clip = read_bundle(tmp_path / "out.bvh").clips[0]
     np.testing.assert_allclose(clip.B[0], np.tile(np.eye(4), (6, 1, 1)), atol=1e-5)
+    status, output, _ = nilbs("convert", *files, "--up", "x", "--forward", "-y", "-o", tmp_path / "out.bvh")
+    assert status == 0
+    assert "its x is y here" in output
+    assert "its y is -z here" in output
     status, _, error = nilbs("convert", tmp_path / "rig.txt", "--up", "z", "-o", tmp_path / "out.bvh")
     assert status == 2
     assert "--up" in error

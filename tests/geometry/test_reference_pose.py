@@ -162,6 +162,12 @@ def test_what_is_named_must_exist(wrong: dict, message: str, rng: np.random.Gene
         reference_pose(source, clip(source, rng), source, np.arange(len(NAMES)), **wrong)
 
 
+def test_axes_are_of_motions_in_space() -> None:
+    flat = skeleton_of_joints([[0, 0], [1, 0], [1, 1]], [-1, 0, 1], ["a", "b", "c"])
+    with pytest.raises(ValueError, match="flat"):
+        reference_pose(flat, np.tile(np.eye(3), (1, 3, 1, 1)), flat, np.arange(3), up="y")
+
+
 def test_a_motion_that_is_unlike_in_all_frames_is_reported(rng: np.random.Generator) -> None:
     source, target = person(), person()
     other, _ = with_rest(source, clip(source, rng), bones_along(source, 0))
