@@ -251,6 +251,10 @@ def _on_skeleton(clip: Clip, target: Skeleton, how: Retargeting, report: Report)
             f"{path.name}: its rest pose is unlike the character's, and so are all frames: the pose may be wrong; name "
             "the frame that is like the character's rest pose by --rest-frame, or correct the bones by --map"
         )
+    elif reference.frame is None and (reference.pose != np.eye(target.d + 1)).any():
+        report(
+            f"{path.name}: its rest pose lies, unlike most of its frames, and is set upright; --rest-frame -1 keeps it"
+        )
     elif reference.frame is not None and how.rest_frame is None:
         report(
             f"{path.name}: its frame {reference.frame} is taken as the character's rest pose, which its own is not; "

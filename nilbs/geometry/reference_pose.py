@@ -16,8 +16,8 @@ from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays
 
 # Of two shapes the part of one that no rotation, scale and move explains by the other: 0 the same, 1 nothing alike.
-# T, A and I-poses of people differ by up to a half, a T-pose that somebody stands in and one on paper by some tenths.
-_UNLIKE, _ALIKE, _SAME = 0.6, 0.3, 0.02
+# T, A and I-poses of people differ by up to a half.
+_UNLIKE, _SAME = 0.6, 0.02
 # A capture that begins with a T-pose does so in these frames; a later one must be so much more alike.
 _FIRST, _MORE = 30, 0.5
 # A body that is turned less in the reference frame stands as at rest; one tilted by more in most frames lies at rest.
@@ -99,8 +99,8 @@ def reference_pose(
     Shapes are compared by the Procrustes distance of the joints that follow each other, free of place, size and
     rotation. If the source's rest pose is unlike that of the target, the first frame is taken if it is alike, else the
     frame that is most. If one of the first frames holds the rest pose turned, as where an exporter turned the root,
-    that frame is taken. There, up is the axis nearest to where the frame's body has its head, and where the body looks
-    stays as in the file.
+    that frame is taken; if the body lies at rest and not in most frames, the rest pose is set upright. There, up is
+    the axis nearest to where the body has its head, and where the body looks stays as in the file.
     """
     d, mapped = target.d, np.flatnonzero(follows >= 0)
     led = follows[mapped]
@@ -109,7 +109,7 @@ def reference_pose(
     if rest_frame is not None and not -1 <= rest_frame < len(B):
         raise ValueError(f"the rest frame must be one of 0 to {len(B) - 1}, or -1 for the rest pose, got {rest_frame}")
     rises, looks = up_and_forward(target)
-    frame, unlike = _found(x, x_rest, x_target, rises) if rest_frame is None else (rest_frame, False)
+    frame, unlike = _found(x, x_rest, x_target) if rest_frame is None else (rest_frame, False)
     turns = quarter_turns(d)
     for name, own in ((up, rises), (forward, looks)):
         if name is not None:
@@ -119,26 +119,30 @@ def reference_pose(
             turns = [R for R in turns if (R @ axis == own).all()]
     if not turns:
         raise ValueError(f"up and forward must be two axes that are perpendicular, got {up!r} and {forward!r}")
-    still = np.broadcast_to(np.eye(d + 1), (len(source.BE), d + 1, d + 1))
-    if frame < 0:
-        return ReferencePose(None, still, _best(turns, x_rest, x_target), unlike)
-    Q = nearest_rotation(x_target, x[frame])
+    pose = np.tile(np.eye(d + 1), (len(source.BE), 1, 1))
+    if frame >= 0:
+        pose[:] = B[frame]
+    elif rest_frame is None and not unlike:
+        pose[:, :d, :d] = _tilt(x, x_rest, nearest_rotation(x_target, x_rest) @ rises)
+    if frame < 0 and (pose == np.eye(d + 1)).all():
+        return ReferencePose(None, pose, _best(turns, x_rest, x_target), unlike)
+    reference = transform_points(pose[led], x_rest)
+    Q = nearest_rotation(x_target, reference)
     if up is None and d == 3:
         turns = [R for R in turns if (R @ _nearest_axis(Q @ rises) == rises).all()] or turns
-    axes = turns[0] if d == 3 else _best(turns, x[frame], x_target)
+    axes = turns[0] if d == 3 else _best(turns, reference, x_target)
     leans = axes @ Q
     if np.linalg.norm(rotation_vectors(leans[None])) <= _TURNED:
         leans = np.eye(d)
     # In the source's axes.
     back = axes.T @ leans.T @ axes
-    pose = np.empty((len(source.BE), d + 1, d + 1))
-    pose[:] = B[frame]
     starts = _starts(source)
     turn = back @ nearest_rotations(pose[:, :d, :d])
     top = next(bone for bone in bone_order(source.P) if bone in led)
     placed = transform_points(pose, starts)
     places = (placed - placed[top]) @ back.T + starts[top]
-    return ReferencePose(frame, rigid_transforms(turn, places - (turn @ starts[..., None])[..., 0]), axes, unlike)
+    upright = rigid_transforms(turn, places - (turn @ starts[..., None])[..., 0])
+    return ReferencePose(frame if frame >= 0 else None, upright, axes)
 
 
 def quarter_turns(d: int) -> list[np.ndarray]:
@@ -187,13 +191,13 @@ def nearest_rotation(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return u @ v
 
 
-def _found(x: np.ndarray, x_rest: np.ndarray, x_target: np.ndarray, up: np.ndarray) -> tuple[int, bool]:
+def _found(x: np.ndarray, x_rest: np.ndarray, x_target: np.ndarray) -> tuple[int, bool]:
     """The frame that is the reference, -1 for the rest pose, and whether nothing is alike."""
     rest = procrustes_distance(x_rest, x_target)
     if not len(x) or len(x_rest) <= x_rest.shape[1]:
         return -1, False  # so few points are like any others
     if rest <= _UNLIKE:
-        return _turned_rest(x, x_rest, nearest_rotation(x_target, x_rest) @ up), False
+        return _turned_rest(x, x_rest), False
     unlike = procrustes_distance(x, x_target)
     best = int(unlike.argmin())
     if unlike[0] * _MORE <= unlike[best]:
@@ -201,16 +205,23 @@ def _found(x: np.ndarray, x_rest: np.ndarray, x_target: np.ndarray, up: np.ndarr
     return (best, False) if unlike[best] <= _UNLIKE else (-1, True)
 
 
-def _turned_rest(x: np.ndarray, x_rest: np.ndarray, up: np.ndarray) -> int:
-    """The first frame that holds the rest pose, in which a direction is up, turned; -1 if there is none."""
-    unlike = procrustes_distance(x[:_FIRST], x_rest)
-    same = np.flatnonzero(unlike <= _SAME)
-    if len(same):
-        turn = rotation_vectors(nearest_rotation(x_rest, x[same[0]])[None])
-        return int(same[0]) if np.linalg.norm(turn) > _TURNED else -1
-    rises = nearest_rotation(x_rest, x) @ up @ up
-    lies = np.median(rises) < np.cos(_TILTED) and unlike.min() <= _ALIKE
-    return int(unlike.argmin()) if lies else -1
+def _turned_rest(x: np.ndarray, x_rest: np.ndarray) -> int:
+    """The first frame that holds the rest pose turned; -1 if there is none."""
+    same = np.flatnonzero(procrustes_distance(x[:_FIRST], x_rest) <= _SAME)
+    if not len(same):
+        return -1
+    turn = rotation_vectors(nearest_rotation(x_rest, x[same[0]])[None])
+    return int(same[0]) if np.linalg.norm(turn) > _TURNED else -1
+
+
+def _tilt(x: np.ndarray, x_rest: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """The rotation by quarter turns that takes up at rest to up in the frames, where most differ by much."""
+    turns = quarter_turns(len(up))
+    rises = nearest_rotation(x_rest, x) @ up
+    if len(up) == 2 or not len(x) or np.median(rises @ up) >= np.cos(_TILTED):
+        return turns[0]
+    there, here = _nearest_axis(np.median(rises, axis=0)), _nearest_axis(up)
+    return next(R for R in turns if (R @ here == there).all())
 
 
 def _starts(skeleton: Skeleton) -> np.ndarray:

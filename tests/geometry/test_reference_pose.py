@@ -40,7 +40,7 @@ def clip(skeleton: Skeleton, rng: np.random.Generator, *, t_pose: bool = True) -
         theta[:, NAMES.index(f"{side}Arm"), 2] -= 1.2 * sign
         theta[:, NAMES.index(f"{side}UpLeg"), 0] += 0.5 * sign * swing
         theta[:, NAMES.index(f"{side}Leg"), 0] += 0.4
-    move = np.stack([0.05 * swing, 0.02 * swing, np.linspace(0, 2, FRAMES)], axis=1)
+    move = np.stack([0.05 * swing + 0.15, 0.02 * swing, np.linspace(0.1, 0.9, FRAMES)], axis=1)
     if t_pose:
         theta[0] = 0
     return forward_kinematics(skeleton.C, skeleton.BE, skeleton.P, theta, root_translation=move)
@@ -129,6 +129,28 @@ def test_without_a_t_pose_the_frame_that_is_most_alike_keeps_the_body_upright(rn
     rises_source = x_source[:, NAMES.index("Head")] - x_source[:, 0]
     cosine = (rises * rises_source).sum(axis=1) / np.linalg.norm(rises, axis=1) / np.linalg.norm(rises_source, axis=1)
     assert cosine.min() > np.cos(np.radians(20))
+
+
+@pytest.mark.parametrize("name", ["bones along x", "root turned about y"])
+def test_a_t_pose_that_looks_elsewhere_keeps_where_it_looks(name: str, rng: np.random.Generator) -> None:
+    source = person()
+    turn = rotation_matrices([0, 0.9, 0])
+    B = rigid_transforms(turn, [0, 0, 0]) @ clip(source, rng)
+    other, B_other = with_rest(source, B, rest_poses(source)[name])
+    found = retarget(other, B_other, person(), SAME)
+    assert found.reference.frame == 0
+    x, x_source = (transform_points(moved, starts(source)) for moved in (found.B, B))
+    np.testing.assert_allclose(x - x[:, :1], x_source - x_source[:, :1], atol=1e-9)
+
+
+def test_a_body_that_lies_at_rest_and_walks_is_upright(rng: np.random.Generator) -> None:
+    source, target = person(), person(arms=0.7)
+    B = clip(source, rng, t_pose=False)
+    other, B_other = with_rest(source, B, rest_poses(source)["root turned about x"])
+    found = retarget(other, B_other, target, SAME)
+    x, expected = (transform_points(moved, starts(target)) for moved in (found.B, retarget(source, B, target, SAME).B))
+    assert found.reference.frame is None
+    np.testing.assert_allclose(x - x[:, :1], expected - expected[:, :1], atol=1e-9)
 
 
 def test_a_frame_and_axes_can_be_named(rng: np.random.Generator) -> None:
