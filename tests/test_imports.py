@@ -56,9 +56,10 @@ ALLOWED = {
     "fields": {"geometry", "characters", "engine"},
     "methods": {"geometry", "characters", "engine", "fields"},
     "models": {"geometry", "io", "characters", "engine", "fields", "methods"},
-    "figures": {"geometry", "io", "characters", "methods", "models"},
+    "contacts": {"geometry", "characters", "engine", "models"},
+    "figures": {"geometry", "io", "characters", "methods", "models", "contacts"},
     "race": {"geometry", "io", "characters", "engine", "fields", "methods", "models"},
-    "app": {"geometry", "io", "characters", "methods", "models", "figures", "race"},
+    "app": {"geometry", "io", "characters", "methods", "models", "contacts", "figures", "race"},
 }
 PACKAGE = Path(nilbs.__file__).parent
 

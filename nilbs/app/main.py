@@ -20,6 +20,7 @@ COMMANDS = {
     "query": "evaluate occupancy or signed distance of points in a pose",
     "extract": "extract the posed surface as a mesh",
     "evaluate": "score a model against the skinned mesh",
+    "check": "find where a moving character meets itself or others, and how deep",
     "benchmark": "time a model beside libraries that query the skinned mesh",
 }
 # Names on the package index that differ from the module's.

@@ -5,6 +5,7 @@ where searches start: `nilbs.engine.lattice` instead of `nilbs.fields.overlap`.
 """
 
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Self
 
@@ -92,23 +93,31 @@ class PosedSearch:
 
         A point without a canonical point is infinitely far outside, and its canonical point is nan.
         """
-        e, n = self.engine, len(x)
+        n = len(x)
         distance = np.full(n, np.inf, dtype=np.float32)
         x_rest = np.full((n, 3), np.nan, dtype=np.float32)
+        self.search(x, to_unit, _search, distance, x_rest)
+        return Answer(distance, distance, x_rest[:, : self.engine.d], self.engine.width)
+
+    def search(self, x: np.ndarray, to_unit: np.ndarray, function: Callable[..., int], *more: np.ndarray) -> None:
+        """Call a compiled function, which returns look-ups, for pieces of the points that lie in images of cells.
+
+        Its arguments are those of `_search`, with `more` in the place of what that writes.
+        """
+        e, cells = self.engine, self.images_of_cells.cell
         points = SortedPoints.of(x, to_unit, self.images_of_cells.low, self.images_of_cells.high)
         count = len(points.number)
         piece = min(max(-(-count // threads()), LEAST), PIECE)
-        looks, cells = np.zeros(-(-count // piece), dtype=np.int64), self.images_of_cells.cell
+        looks = np.zeros(-(-count // piece), dtype=np.int64)
 
-        def search(begin: int, end: int) -> None:
-            looks[begin // piece] = _search(
-                points, begin, end, kept.room, e.weights, e.distances, e.lattice, cells, self._B, distance, x_rest
+        def work(begin: int, end: int) -> None:
+            looks[begin // piece] = function(
+                points, begin, end, kept.room, e.weights, e.distances, e.lattice, cells, self._B, *more
             )
 
-        in_pieces(search, count, piece=piece)
-        self.queries += n
+        in_pieces(work, count, piece=piece)
+        self.queries += len(x)
         self.evaluations += int(looks.sum())
-        return Answer(distance, distance, x_rest[:, : e.d], e.width)
 
     def images(self, x_rest: np.ndarray) -> np.ndarray:
         """Images (n, d) of rest points (n, d) under the forward map, all in the unit frame."""
@@ -174,9 +183,9 @@ def _search(points, begin, end, room, weights, distances, lattice, cells, B, dis
         best = np.float32(np.inf)
         for j in range(count[s]):
             q0, q1, q2, c = at[s, j, 0], at[s, j, 1], at[s, j, 2], cell[s, j]
-            if _known(q0, q1, q2, np.float32(SAME) * lattice.edge[c, 0], roots, found):
+            if known_root(q0, q1, q2, np.float32(SAME) * lattice.edge[c, 0], roots, found):
                 continue
-            residual, r0, r1, r2, turned, evaluations = _newton(p0, p1, p2, q0, q1, q2, weights, B, slots)
+            residual, r0, r1, r2, turned, evaluations = newton(p0, p1, p2, q0, q1, q2, weights, B, slots)
             looks += evaluations
             if residual < np.float32(ROOT):
                 if not turned:  # near a root at which space is turned inside out lie others
@@ -264,7 +273,7 @@ def find_starts(points, begin, end, lattice, cells, room):  # type: ignore[no-un
 
 
 @inlined
-def _known(q0, q1, q2, same, roots, found):  # type: ignore[no-untyped-def]
+def known_root(q0, q1, q2, same, roots, found):  # type: ignore[no-untyped-def]
     """Whether one of the roots found is as near to a place as `same`."""
     for k in range(found):
         d0, d1, d2 = q0 - roots[k, 0], q1 - roots[k, 1], q2 - roots[k, 2]
@@ -274,7 +283,7 @@ def _known(q0, q1, q2, same, roots, found):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _newton(p0, p1, p2, r0, r1, r2, weights, B, slots):  # type: ignore[no-untyped-def]
+def newton(p0, p1, p2, r0, r1, r2, weights, B, slots):  # type: ignore[no-untyped-def]
     """Residual and place of the best point met, whether space is turned inside out there, and look-ups.
 
     See `nilbs.fields.newton.newton`.

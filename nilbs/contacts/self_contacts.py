@@ -1,0 +1,180 @@
+"""Where a posed body meets itself: places in the volume of two of its parts at once."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from nilbs.engine.other_roots import other_roots
+from nilbs.engine.search import PosedSearch, SearchEngine
+from nilbs.engine.unit_frame import UnitFrame, at_rest
+from nilbs.engine.winding import winding_number
+from nilbs.geometry.distance import closest_points
+from nilbs.geometry.sampling import uniform_samples
+from nilbs.models.model import Model
+
+# Points in the rest volume, how near parts may be at rest, of the longest edge, and how many steps along the skeleton.
+SAMPLES, APART, STEPS = 50_000, 0.005, 2
+
+
+class SelfContacts(NamedTuple):
+    """Places where a body overlaps itself.
+
+    Attributes
+    ----------
+    point : (k, d) float array
+        A posed point with two canonical points inside the body, in mesh units.
+    depth : (k,) float array
+        Its distance to the posed skin.
+    way_out : (k, d) float array
+        From the point to the closest place there.
+    x_rest, other : (k, d) float arrays
+        Its two canonical points, in mesh units.
+    part, other_part : (k,) int arrays
+        The bone with the largest weight at each.
+    """
+
+    point: np.ndarray
+    depth: np.ndarray
+    way_out: np.ndarray
+    x_rest: np.ndarray
+    other: np.ndarray
+    part: np.ndarray
+    other_part: np.ndarray
+
+
+class SelfContactFinder:
+    """Finds where a model meets itself, in any number of poses.
+
+    Parts belong to the bone with the largest weight on the skin that is closest to them. Those that touch at rest or
+    are neighbours along the skeleton are exempt: a bent knee is no collision.
+
+    Parameters
+    ----------
+    model : Model
+        Of a method whose compiled engine searches canonical points.
+    samples : int
+        Points in the rest volume that are followed, of uniform density.
+    apart : float
+        Parts nearer than this at rest are exempt, as a share of the body's longest edge.
+    steps : int
+        So are those so many bones from each other along the skeleton, or fewer.
+    seed : int
+        Of the random number generator that chooses the points.
+
+    Attributes
+    ----------
+    exempt : (b, b) bool array
+        Pairs of bones whose parts may overlap.
+
+    Raises
+    ------
+    ValueError
+        If the model has no such engine.
+    """
+
+    def __init__(
+        self, model: Model, *, samples: int = SAMPLES, apart: float = APART, steps: int = STEPS, seed: int = 0
+    ) -> None:
+        engine = model.engine()
+        if not isinstance(engine, SearchEngine):
+            raise ValueError(
+                f"contacts of a body with itself need the compiled search, which the method {model.method.name} has not"
+            )
+        c = model.character
+        self.model, self.engine = model, engine
+        self.x_rest = _inside(c.V, c.F, samples, np.random.default_rng(seed))
+        part = c.W.argmax(axis=1)
+        self._part = np.where(
+            (part[c.F] == part[c.F][:, :1]).all(axis=1), part[c.F[:, 0]], c.W[c.F].sum(axis=1).argmax(axis=1)
+        )
+        self._own = self._parts(self.x_rest)
+        self.exempt = _near_along(c.skeleton.P, steps) | touching(c.V, c.F, part, len(c.skeleton.BE), apart * c.L)
+
+    def __call__(self, pose: np.ndarray) -> SelfContacts:
+        """Contacts in a pose (b, d+1, d+1), the deepest first.
+
+        Raises
+        ------
+        ValueError
+            If pose is not (b, d+1, d+1), or as for all queries.
+        """
+        if np.ndim(pose) != 3:
+            raise ValueError(f"pose must be (b, d+1, d+1), got {np.shape(pose)}")
+        c, posed = self.model.character, self.model.posed(pose)
+        frame = UnitFrame(c, posed.pose)
+        search = self.engine(frame.B)
+        assert isinstance(search, PosedSearch)
+        unit = at_rest(c, self.x_rest)
+        x = frame.points_back(search.images(unit).astype(np.float64))
+        other, _ = other_roots(search, x, frame.to_unit, unit)
+        here = np.flatnonzero(~np.isnan(other[:, 0]))
+        other = other[here].astype(np.float64) * c.L + c.center
+        part, other_part = self._own[here], self._parts(other)
+        kept = ~self.exempt[part, other_part]
+        here, other, part, other_part = here[kept], other[kept], part[kept], other_part[kept]
+        places = posed.closest_points(x[here])
+        order = np.argsort(-places.distance, kind="stable")
+        here = here[order]
+        return SelfContacts(
+            x[here], places.distance[order], places.point[order] - x[here], self.x_rest[here], other[order],
+            part[order], other_part[order],
+        )  # fmt: skip
+
+    def _parts(self, x_rest: np.ndarray) -> np.ndarray:
+        """The part (n,) of rest points (n, d)."""
+        c = self.model.character
+        tree = self.model.surface_tree.posed(c.V)
+        return self._part[tree.closest(x_rest).facet]
+
+
+def self_contacts(model: Model, pose: np.ndarray, *, apart: float = APART, steps: int = STEPS) -> SelfContacts:
+    """Where a model meets itself in one pose; `SelfContactFinder` does it in many."""
+    return SelfContactFinder(model, apart=apart, steps=steps)(pose)
+
+
+def _inside(V: np.ndarray, F: np.ndarray, n: int, rng: np.random.Generator) -> np.ndarray:
+    """So many points (n, d) inside a surface, of uniform density."""
+    corners, found, count = V[F.ravel()], [], 0
+    for _ in range(1000):
+        x = uniform_samples(corners.min(axis=0), corners.max(axis=0), 4 * n, rng=rng)
+        found.append(x[winding_number(V, F, x) > 0.5])
+        count += len(found[-1])
+        if count >= n:
+            return np.concatenate(found)[:n]
+    raise ValueError("the body has hardly any volume at rest: no contacts with itself can be found")
+
+
+def _near_along(P: np.ndarray, steps: int) -> np.ndarray:
+    """Pairs (b, b) of bones at most so many bones from each other along the skeleton."""
+    b = len(P)
+    linked = np.eye(b, dtype=bool)
+    child = np.flatnonzero(P >= 0)
+    linked[child, P[child]] = linked[P[child], child] = True
+    # Bones without a parent start together, or are free of each other; either way they are no neighbours.
+    near = np.eye(b, dtype=bool)
+    for _ in range(steps):
+        near = near @ linked
+    return near
+
+
+def touching(V: np.ndarray, F: np.ndarray, part: np.ndarray, b: int, reach: float) -> np.ndarray:
+    """Pairs (b, b) of bones whose parts of a skin come within a distance of each other.
+
+    Examples
+    --------
+    >>> V, F = np.array([[0.0, 0], [1, 0], [1, 0.1], [0, 0.1]]), np.array([[0, 1], [2, 3]])
+    >>> touching(V, F, np.array([0, 0, 1, 1]), 2, 0.2).tolist()
+    [[False, True], [True, False]]
+    """
+    found = np.zeros((b, b), dtype=bool)
+    middle = V[F].mean(axis=1)
+    x, of = np.concatenate([V[np.unique(F)], middle]), np.concatenate([part[np.unique(F)], part[F[:, 0]]])
+    for bone in np.unique(part[F]):
+        own = F[(part[F] == bone).any(axis=1)]
+        corners = V[own.ravel()]
+        near = ((x >= corners.min(axis=0) - reach) & (x <= corners.max(axis=0) + reach)).all(axis=1) & (of != bone)
+        near = np.flatnonzero(near)
+        if len(near):
+            distance, _, _ = closest_points(V, own, x[near])
+            found[bone, of[near[distance <= reach]]] = True
+    return found | found.T

@@ -1,0 +1,43 @@
+import json
+
+import pytest
+
+from nilbs.app.commands.check import FILES
+
+
+def test_files_and_output(assets, nilbs, tmp_path):
+    words = ("check", assets / "bar3.nilbs", "--points", 2000, "--against", assets / "bar3.nilbs", "--out", tmp_path)
+    status, out, _ = nilbs(*words)
+    assert status == 0
+    assert (tmp_path / FILES[1]).read_text() == out
+    assert (tmp_path / FILES[2]).read_bytes().startswith(b"\x89PNG")
+    found = json.loads((tmp_path / FILES[0]).read_text())
+    with_itself, with_other = found["contacts"]
+    assert (with_itself["with"], with_other["with"]) == ("itself", "bar3")
+    # Two bones are neighbours, so that the body does not meet itself; but it lies where its copy does.
+    assert with_itself["frames_in_contact"] == 0
+    assert found["exempt"] == [["bone0", "bone1"]]
+    frames = with_other["frames"]
+    assert with_other["frames_in_contact"] > 0
+    assert {"frame", "seconds", "count", "depth", "depth_of_L", "bones", "point"} == frames[0].keys()
+    assert "contacts with itself: 0 of" in out
+
+
+def test_json(assets, succeeds):
+    found = succeeds("check", assets / "bar2.nilbs", "--points", 500)
+    assert found["exempt_share"] == 1
+    assert len(found["contacts"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["bar3.nilbs", "--against", "bar2.nilbs"], "bar2.nilbs: this model has 2 dimensions, "),
+        (["no.nilbs"], "no.nilbs: No such file or directory"),
+        (["bar3.nilbs", "--map", "x.json"], "--map is for the motion of a file"),
+        (["bar3.nilbs", "--out", "bar.tgf"], "bar.tgf: this is a file, expected a folder"),
+    ],
+)
+def test_mistakes(assets, fails, words, message):
+    words = [assets / word if "." in word else word for word in words]
+    assert message in fails("check", *words)

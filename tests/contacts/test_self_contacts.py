@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+
+from nilbs.characters.capsule import capsule
+from nilbs.characters.motion import random_motion
+from nilbs.contacts.self_contacts import SelfContactFinder, self_contacts, touching
+from nilbs.geometry.distance import closest_points
+from nilbs.geometry.kinematics import forward_kinematics
+from nilbs.geometry.winding import winding_number
+from nilbs.models.fitting import fit
+
+BONES = 8
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def chain(request):
+    """A long capsule of eight bones."""
+    c = capsule(bones=BONES, length=2.0, radius=0.09, resolution=24, d=request.param)
+    return fit(c, random_motion(c, frames=2), steps=0, device="cpu")
+
+
+def rolled(model, degrees: float) -> np.ndarray:
+    """Every bone turned against the one before, about z."""
+    d, s = model.character.d, model.character.skeleton
+    theta = np.zeros((BONES, 1 if d == 2 else 3))
+    theta[1:, -1] = np.radians(degrees)
+    return forward_kinematics(s.C, s.BE, s.P, theta)
+
+
+def test_a_chain_rolled_into_itself(chain) -> None:
+    pose, c = rolled(chain, 62), chain.character
+    finder = SelfContactFinder(chain, samples=20_000)
+    found, posed = finder(pose), chain.posed(pose)
+    # Every point that is reported is wound around twice, and its depth is its distance to the skin.
+    assert len(found.depth) > 100
+    assert (winding_number(posed.U, c.F, found.point) > 1.5).mean() > 0.99
+    np.testing.assert_allclose(found.depth, closest_points(posed.U, c.F, found.point)[0], atol=1e-9)
+    assert (np.diff(found.depth) <= 0).all()
+    for rest in (found.x_rest, found.other):
+        np.testing.assert_allclose(posed.posed_points(rest), found.point, atol=2e-3 * c.L)
+    assert (np.abs(found.part - found.other_part) > 2).all()
+    # Nearly all points of the body with two sheets of it are reported.
+    x = posed.posed_points(finder.x_rest)
+    twice = winding_number(posed.U, c.F, x) > 1.5
+    assert len(found.depth) == pytest.approx(twice.sum(), rel=0.1)
+
+
+def test_a_bent_chain_does_not_meet_itself(chain) -> None:
+    assert len(self_contacts(chain, rolled(chain, 25)).depth) == 0
+
+
+def test_neighbours_are_exempt(chain) -> None:
+    finder = SelfContactFinder(chain, samples=10, steps=3)
+    i = np.arange(BONES)
+    np.testing.assert_array_equal(finder.exempt, np.abs(i[:, None] - i) <= 3)
+
+
+def test_parts_that_touch() -> None:
+    V = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [5, 0], [6, 0]])
+    F, part = np.array([[0, 1], [2, 3], [4, 5]]), np.array([0, 0, 1, 1, 2, 2])
+    np.testing.assert_array_equal(touching(V, F, part, 3, 0.9), np.zeros((3, 3), dtype=bool))
+    near = touching(V, F, part, 3, 1.1)
+    assert np.argwhere(near).tolist() == [[0, 1], [1, 0]]
+
+
+def test_other_methods_are_refused(chain) -> None:
+    other = fit(chain.character, chain.motion, method="nearest")
+    with pytest.raises(ValueError, match="the method nearest has not"):
+        SelfContactFinder(other)
+    with pytest.raises(ValueError, match=r"pose must be \(b, d\+1, d\+1\)"):
+        SelfContactFinder(chain, samples=10)(rolled(chain, 5)[None])
