@@ -19,12 +19,13 @@ COMMANDS = {
     "train": "train a field on a rigged mesh and a motion",
     "query": "evaluate occupancy or signed distance of points in a pose",
     "extract": "extract the posed surface as a mesh",
+    "animate": "write a motion as a film or as a sequence of meshes",
     "evaluate": "score a model against the skinned mesh",
     "check": "find where a moving character meets itself or others, and how deep",
     "benchmark": "time a model beside libraries that query the skinned mesh",
 }
 # Names on the package index that differ from the module's.
-_PACKAGES = {"igl": "libigl", "skimage": "scikit-image"}
+_PACKAGES = {"igl": "libigl", "skimage": "scikit-image", "imageio_ffmpeg": "imageio-ffmpeg"}
 _INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 
 
