@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from nilbs.models.model import load_model
+
+
+@pytest.mark.parametrize("quantity", ["occupancy", "distance"])
+def test_values_are_those_of_the_nodes(assets, succeeds, tmp_path, d, quantity):
+    path = tmp_path / "grid.npz"
+    found = succeeds(
+        "voxelize", assets / f"bar{d}.nilbs", "--frame", 1, "--quantity", quantity, "--resolution", 20, "-o", path
+    )
+    model = load_model(assets / f"bar{d}.nilbs")
+    posed = model.posed(model.motion[1])
+    with np.load(path, allow_pickle=False) as file:
+        values, origin, spacing = file["values"], file["origin"], float(file["spacing"])
+    assert found["nodes"] == " x ".join(map(str, values.shape))
+    index = np.stack(np.meshgrid(*map(np.arange, values.shape), indexing="ij"), axis=-1).reshape(-1, d)
+    x = origin + spacing * index
+    if quantity == "occupancy":
+        np.testing.assert_array_equal(values.ravel(), posed.occupancy(x) > 0.5)
+    else:
+        np.testing.assert_allclose(values.ravel(), posed.posed_distance(x), rtol=1e-6, atol=1e-6)
+    assert found["inside"] > 0
+    # The grid surrounds the body.
+    assert (origin < posed.U.min(axis=0)).all()
+    assert (origin + spacing * (np.array(values.shape) - 1) > posed.U.max(axis=0)).all()
+
+
+def test_a_spacing_puts_nodes_on_its_multiples(assets, succeeds, tmp_path):
+    grids = []
+    for frame in (0, 1):
+        path = tmp_path / f"{frame}.npz"
+        succeeds("voxelize", assets / "bar2.nilbs", "--frame", frame, "--spacing", 0.25, "-o", path)
+        with np.load(path) as file:
+            grids.append((file["origin"] / 0.25, file["spacing"]))
+    for origin, spacing in grids:
+        np.testing.assert_array_equal(origin, np.round(origin))
+        assert spacing == 0.25
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--spacing", "1e-9"], "--spacing 1e-09 makes"),
+        (["--resolution", "200000"], "resolution must be a whole number"),
+    ],
+)
+def test_mistakes(assets, fails, tmp_path, words, message):
+    assert message in fails("voxelize", assets / "bar3.nilbs", "--frame", 0, *words, "-o", tmp_path / "g.npz")
+    assert list(tmp_path.iterdir()) == []
