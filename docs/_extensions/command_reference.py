@@ -15,6 +15,7 @@ _PLAIN = ("positional arguments", "options")  # groups of argparse itself
 def described(parser: argparse.ArgumentParser) -> list[str]:
     """A command's usage, its arguments and its options, as lines of reStructuredText."""
     lines = ["", ".. code-block:: text", "", *(f"   {line}" for line in _usage(parser)), ""]
+    lines += ["For example:", "", ".. code-block:: sh", "", f"   {str(parser.epilog).removeprefix('example: ')}", ""]
     for group in parser._action_groups:
         actions = [action for action in group._group_actions if not isinstance(action, argparse._HelpAction)]
         if actions and group.title not in _PLAIN:

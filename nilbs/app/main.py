@@ -107,6 +107,7 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
         if name == called:
             module = import_module(f"nilbs.app.commands.{name}")
             module.add_arguments(command)
+            command.epilog = f"example: {module.EXAMPLE}"
             command.set_defaults(run=module.run)
     return parser
 

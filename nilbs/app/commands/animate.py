@@ -6,6 +6,8 @@ from nilbs.app.options import add_json, add_motion, add_resolution, positive, wh
 
 FILMS, MESHES = (".gif", ".mp4"), (".obj", ".ply", ".stl")
 
+EXAMPLE = "nilbs animate hero.nilbs --fps 12 -o hero.gif"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

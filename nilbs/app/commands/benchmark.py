@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 FILES = ("benchmark.json", "benchmark.csv", "benchmark.txt")
 
+EXAMPLE = "nilbs benchmark hero.nilbs --quick -o bench"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

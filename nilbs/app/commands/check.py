@@ -6,6 +6,8 @@ from nilbs.app.options import add_json, add_motion, not_negative, whole
 
 FILES = ("contacts.json", "contacts.txt", "contacts.png")
 
+EXAMPLE = "nilbs check hero.nilbs --out contacts"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

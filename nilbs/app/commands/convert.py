@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from nilbs.geometry.skeleton import Skeleton
     from nilbs.io.bundle import Bundle
 
+EXAMPLE = "nilbs convert hero.glb -o hero.obj hero.bvh hero.npz"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

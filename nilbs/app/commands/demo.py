@@ -6,6 +6,8 @@ import sys
 from nilbs.app.options import add_json, add_points, add_resolution, add_seed, whole
 from nilbs.characters import FRAMES
 
+EXAMPLE = "nilbs demo --out out/demo"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

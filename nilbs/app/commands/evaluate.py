@@ -5,6 +5,8 @@ import argparse
 from nilbs.app.options import add_device, add_json, add_points, add_resolution, add_seed
 from nilbs.methods.registry import all_methods
 
+EXAMPLE = "nilbs evaluate hero.nilbs --out scores"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

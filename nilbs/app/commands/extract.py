@@ -4,6 +4,8 @@ import argparse
 
 from nilbs.app.options import add_device, add_json, add_pose, add_resolution
 
+EXAMPLE = "nilbs extract hero.nilbs --time 0.5 -o surface.obj"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

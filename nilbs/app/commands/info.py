@@ -6,6 +6,8 @@ from nilbs.app.options import add_group, add_json, add_positions
 
 _OWN_LINES = ("file", "notes", "problems", "verdict")
 
+EXAMPLE = "nilbs info hero.glb"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

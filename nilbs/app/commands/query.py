@@ -4,6 +4,8 @@ import argparse
 
 from nilbs.app.options import add_device, add_json, add_pose
 
+EXAMPLE = "nilbs query hero.nilbs points.npy --frame 12 -o inside.npy"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

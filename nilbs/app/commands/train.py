@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from nilbs.characters.character import Character
     from nilbs.characters.motion import Motion
 
+EXAMPLE = "nilbs train hero.obj hero.tgf hero-weights.npz -o hero.nilbs"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

@@ -7,6 +7,8 @@ from nilbs.app.options import add_json, add_pose, add_resolution, positive
 # Nodes that are queried at once, and the most of a grid.
 CHUNK, MOST = 2**20, 2**30
 
+EXAMPLE = "nilbs voxelize hero.nilbs --frame 12 -o grid.npz"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""

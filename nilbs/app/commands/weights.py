@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".npz", ".dmat", ".glb", ".gltf")
 
+EXAMPLE = "nilbs weights hero.obj hero.tgf -o hero-weights.npz"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
