@@ -20,6 +20,7 @@ COMMANDS = {
     "query": "evaluate occupancy or signed distance of points in a pose",
     "extract": "extract the posed surface as a mesh",
     "voxelize": "evaluate occupancy or signed distance on a regular grid in a pose",
+    "render": "write depth, normals and canonical coordinates of a picture in a pose",
     "animate": "write a motion as a film or as a sequence of meshes",
     "evaluate": "score a model against the skinned mesh",
     "check": "find where a moving character meets itself or others, and how deep",

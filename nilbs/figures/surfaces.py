@@ -12,8 +12,8 @@ from nilbs.figures.canvas import AXES, BODY, INK
 from nilbs.figures.views import View
 from nilbs.geometry.facets import is_watertight
 
-_LIGHT = np.array([-0.35, 0.45, 0.82])  # right, up, toward the viewer
-_AMBIENT = 0.45
+LIGHT = np.array([-0.35, 0.45, 0.82])  # right, up, toward the viewer
+AMBIENT = 0.45
 
 
 def draw_body(
@@ -49,8 +49,8 @@ def draw_body(
     seen = np.flatnonzero(normals[:, 2] > 0) if is_watertight(F) else np.flatnonzero(normals[:, 2])
     order = seen[np.argsort(corners[seen].mean(axis=1) @ view.axes[2])]
     normals = normals[order] * np.sign(normals[order, 2:]) / np.linalg.norm(normals[order], axis=1, keepdims=True)
-    light = np.clip(normals @ (_LIGHT / np.linalg.norm(_LIGHT)), 0, None)
-    shade = _AMBIENT + (1 - _AMBIENT) * light
+    light = np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0, None)
+    shade = AMBIENT + (1 - AMBIENT) * light
     if paint is not None:
         shaded = paint[order] * (0.5 + 0.5 * shade[:, None])  # weaker, so that shading is not read as a value
     else:

@@ -23,6 +23,7 @@ SHORTER = {
     "voxelize": ["--resolution", "8"],
     "extract": ["--resolution", "8"],
     "animate": ["--pixels", "32"],
+    "render": ["--pixels", "32"],
 }
 
 
