@@ -10,7 +10,7 @@ from nilbs.models.model import Model
 
 # In units of L: a ray this close to the skin has met it; one that is no closer after so many steps than the second
 # number has not, and passes by.
-MET, BESIDE, STEPS = 1e-5, 2e-4, 200
+MET, BESIDE, STEPS = 1e-5, 2e-4, 1000
 
 
 class Hits(NamedTuple):
@@ -102,7 +102,7 @@ def first_hits(
         close = distance <= MET * L
         met[active[close]] = True
         active, distance = active[~close], distance[~close]
-        t[active] += distance
+        t[active] += np.maximum(distance, 2 * MET * L)
         active = active[t[active] <= last[active]]
     if len(active):
         distance = posed.surface.distance(origin[active] + t[active, None] * direction[active])

@@ -25,8 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         required=True,
         help="a picture of the shaded skin, .png, and arrays, .npz: depth (h, w) from the picture's plane, in mesh "
-        "units, inf beside the body; normal and canonical (h, w, 3), nan there; axes, rows right, up and towards the viewer; "
-        "lower and upper, corners of the window along the first two. The top row comes first",
+        "units, inf beside the body; normal and canonical (h, w, 3), nan there; axes, rows right, up and towards the "
+        "viewer; lower and upper, corners of the window along the first two. The top row comes first",
     )
     add_json(parser)
 
