@@ -22,6 +22,9 @@ _UNLIKE, _SAME = 0.6, 0.02
 _FIRST, _MORE = 30, 0.5
 # A body that is turned less in the reference frame stands as at rest; one tilted by more in most frames lies at rest.
 _TURNED, _TILTED = np.radians(15), np.radians(60)
+# The head is above the feet within this angle of the up that the joints' places show; else the bodies are not alike.
+_ASKEW = np.radians(45)
+_SLIDES = 1e-3  # of the size of the skeleton: a joint that moves more relative to the bone above is not fixed to it
 _AXES = "xyz"
 
 
@@ -34,8 +37,8 @@ class ReferencePose:
     frame : int or None
         The frame of the motion that it was taken from; None is the source's own rest pose.
     pose : (b', d+1, d+1) float array
-        Rigid transforms of the source's bones, rest to reference: the frame's, turned upright, its topmost joint where
-        it is at rest.
+        Rigid transforms of the source's bones, rest to reference: the frame's, turned upright, the joint of
+        `travelling_bone` where it is at rest.
     axes : (d, d) float array
         Rotation by quarter turns from the source's axes to the target's.
     unlike : bool
@@ -101,6 +104,11 @@ def reference_pose(
     frame that is most. If one of the first frames holds the rest pose turned, as where an exporter turned the root,
     that frame is taken; if the body lies at rest and not in most frames, the rest pose is set upright. There, up is
     the axis nearest to where the body has its head, and where the body looks stays as in the file.
+
+    Bodies of another kind, such as a person and a spider, may follow each other by a map, and places of joints then do
+    not show what is up. Where the source's names show head, feet and sides, its head is above its feet: if the places
+    contradict that, names decide up and forward. If its rest pose then does not stand and it is unlike the target, the
+    first frame is taken.
     """
     d, mapped = target.d, np.flatnonzero(follows >= 0)
     led = follows[mapped]
@@ -120,14 +128,24 @@ def reference_pose(
     if not turns:
         raise ValueError(f"up and forward must be two axes that are perpendicular, got {up!r} and {forward!r}")
     pose = np.tile(np.eye(d + 1), (len(source.BE), 1, 1))
+    rest_axes = _named_axes(source, _starts(source))
+    stands = rest_axes is None or rest_axes[:, 0] @ _usual_up(source, B) >= np.cos(_TILTED)
+    if rest_frame is None and frame < 0 and len(B) and not stands and (unlike or len(led) <= d):
+        frame, unlike = 0, False
     if frame >= 0:
         pose[:] = B[frame]
     elif rest_frame is None and not unlike:
         pose[:, :d, :d] = _tilt(x, x_rest, nearest_rotation(x_target, x_rest) @ rises)
     if frame < 0 and (pose == np.eye(d + 1)).all():
-        return ReferencePose(None, pose, _best(turns, x_rest, x_target), unlike)
+        axes = _best(turns, x_rest, x_target)
+        if up is None and forward is None and rest_axes is not None and stands and _askew(axes.T, rises, rest_axes):
+            axes = _nearest_turn(turns, np.stack([rises, looks], axis=1) @ rest_axes.T)
+        return ReferencePose(None, pose, axes, unlike)
     reference = transform_points(pose[led], x_rest)
     Q = nearest_rotation(x_target, reference)
+    named = _named_axes(source, transform_points(pose, _starts(source)))
+    if named is not None and _askew(Q, rises, named):
+        Q = _frame(named) @ _frame(np.stack([rises, looks], axis=1)).T
     if up is None and d == 3:
         turns = [R for R in turns if (R @ _nearest_axis(Q @ rises) == rises).all()] or turns
     axes = turns[0] if d == 3 else _best(turns, reference, x_target)
@@ -138,11 +156,43 @@ def reference_pose(
     back = axes.T @ leans.T @ axes
     starts = _starts(source)
     turn = back @ nearest_rotations(pose[:, :d, :d])
-    top = next(bone for bone in bone_order(source.P) if bone in led)
+    top = travelling_bone(source, B, led)
     placed = transform_points(pose, starts)
     places = (placed - placed[top]) @ back.T + starts[top]
     upright = rigid_transforms(turn, places - (turn @ starts[..., None])[..., 0])
     return ReferencePose(frame if frame >= 0 else None, upright, axes)
+
+
+def travelling_bone(source: Skeleton, B: np.ndarray, led: np.ndarray) -> int:
+    """The bone among those that are followed whose joint shows where the body goes.
+
+    It is the topmost, unless one alone follows below it and slides there, as hips do below a root that stays behind.
+
+    Examples
+    --------
+    >>> s = Skeleton([[0, 0], [1, 0], [2, 0]], [[0, 1], [1, 2]], [-1, 0], ("root", "hips"))
+    >>> B = np.tile(np.eye(3), (2, 2, 1, 1))
+    >>> B[1, 1, 0, 2] = 5
+    >>> travelling_bone(s, B, np.array([0, 1])), travelling_bone(s, B[:1], np.array([0, 1]))
+    (1, 0)
+    """
+    followed, starts = set(led.tolist()), _starts(source)
+    below: dict[int, list[int]] = {}
+    for bone in bone_order(source.P).tolist():
+        if bone in followed:
+            above = int(source.P[bone])
+            while above >= 0 and above not in followed:
+                above = int(source.P[above])
+            below.setdefault(above, []).append(bone)
+    top = bone = below[-1][0]
+    while len(below.get(bone, [])) == 1:
+        (next_,) = below[bone]
+        with_it, own = (transform_points(B[:, which], starts[[next_]])[:, 0] for which in ([bone], [next_]))
+        slides = np.linalg.norm(np.ptp(own - with_it, axis=0)) if len(B) else 0.0
+        if slides > _SLIDES * np.linalg.norm(np.ptp(starts, axis=0)):
+            top = next_
+        bone = next_
+    return top
 
 
 def quarter_turns(d: int) -> list[np.ndarray]:
@@ -222,6 +272,43 @@ def _tilt(x: np.ndarray, x_rest: np.ndarray, up: np.ndarray) -> np.ndarray:
         return turns[0]
     there, here = _nearest_axis(np.median(rises, axis=0)), _nearest_axis(up)
     return next(R for R in turns if (R @ here == there).all())
+
+
+def _named_axes(skeleton: Skeleton, x: np.ndarray) -> np.ndarray | None:
+    """Up and forward (..., 3, 2) of a body with joints x (..., b, 3), where its names show head, feet and sides."""
+    names = [bone_name(name) for name in skeleton.names]
+    chosen = [[name.part in parts for name in names] for parts in (("head", "neck"), ("foot", "shin"))]
+    chosen += [[name.side == side for name in names] for side in "lr"]
+    if skeleton.d == 2 or not all(map(any, chosen)):
+        return None
+    head, foot, left, right = (x[..., those, :].mean(axis=-2) for those in chosen)
+    axes = np.stack([head - foot, np.cross(left - right, head - foot)], axis=-1)
+    length = np.linalg.norm(axes, axis=-2, keepdims=True)
+    return axes / length if length.min() > 0 else None
+
+
+def _usual_up(skeleton: Skeleton, B: np.ndarray) -> np.ndarray:
+    """To where the head is from the feet in most frames."""
+    axes = _named_axes(skeleton, transform_points(B, _starts(skeleton))) if len(B) else None
+    return np.zeros(skeleton.d) if axes is None else np.median(axes[..., 0], axis=0)
+
+
+def _askew(R: np.ndarray, rises: np.ndarray, named: np.ndarray) -> bool:
+    """Whether R takes up to where the head is not."""
+    return bool((R @ rises) @ named[:, 0] < np.cos(_ASKEW))
+
+
+def _frame(axes: np.ndarray) -> np.ndarray:
+    """Rotation whose first two columns are up and forward, which is turned until it is level."""
+    up, forward = axes.T
+    level = forward - up * (up @ forward)
+    level = level / np.linalg.norm(level)
+    return np.stack([up, level, np.cross(up, level)], axis=1)
+
+
+def _nearest_turn(turns: list[np.ndarray], H: np.ndarray) -> np.ndarray:
+    """The first of the turns that are nearest to H."""
+    return max(turns, key=lambda R: round(float((R * H).sum()), 9))
 
 
 def _starts(skeleton: Skeleton) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 
 from nilbs.geometry.bone_names import matching_bones
 from nilbs.geometry.kinematics import bone_order, forward_kinematics
-from nilbs.geometry.reference_pose import ReferencePose, reference_pose, up_and_forward
+from nilbs.geometry.reference_pose import ReferencePose, reference_pose, travelling_bone, up_and_forward
 from nilbs.geometry.rotations import nearest_rotations, rotation_vectors, transform_points
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, listed
@@ -84,7 +84,9 @@ def retarget(
 
     The roots' translation is chosen such that the joints next to the topmost mapped bone, as legs and spine are next to
     the hips, move as far on average as those of the source, times the ratio of the summed lengths of mapped bones.
-    Where there is but one, the bone's own joint does.
+    Where there is but one, the bone's own joint does. A bone that the source's body slides away from, such as a root
+    that stays where it is while the hips walk, is not the topmost here; see
+    `nilbs.geometry.reference_pose.travelling_bone`.
 
     Examples
     --------
@@ -103,9 +105,10 @@ def retarget(
     mapped = np.flatnonzero(follows >= 0)
     if reference is None:
         reference = reference_pose(source, B, target, follows)
+    travels = travelling_bone(source, B, follows[mapped])
     source, B, axes = reference.skeleton(source), reference.from_it(B), reference.axes
     start, source_start = target.C[target.BE[:, 0]], source.C[source.BE[:, 0]]
-    tree = _MappedTree(target.P, follows, start, source_start @ axes.T)
+    tree = _MappedTree(target.P, follows, start, source_start @ axes.T, travels)
     scale = tree.scale()
     A = tree.alignments(-up_and_forward(target)[0])
 
@@ -119,9 +122,9 @@ def retarget(
     theta = rotation_vectors(np.swapaxes(parent_R, -1, -2) @ R)
     still = forward_kinematics(target.C, target.BE, target.P, theta)
 
-    anchors = tree.below(tree.top) if len(tree.below(tree.top)) > 1 else [tree.top]
+    anchors = tree.below(tree.travels) if len(tree.below(tree.travels)) > 1 else [tree.travels]
     anchor = transform_points(still[:, anchors], start[anchors]).mean(axis=1) - start[anchors].mean(axis=0)
-    led = follows[[tree.top, *anchors]]
+    led = follows[[tree.travels, *anchors]]
     went = scale * (transform_points(B[:, led], source_start[led]) - source_start[led]) @ axes.T
     from_first = np.abs(went[:1, 0]).max(axis=0, initial=0) > (_FAR * tree.longest() or np.inf)
     moved = went[:, 1:].mean(axis=1) - anchor
@@ -228,7 +231,9 @@ def least_rotation(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 class _MappedTree:
     """The mapped bones of the target as a forest, where neighbours that follow one bone are one: the first of them."""
 
-    def __init__(self, P: np.ndarray, follows: np.ndarray, start: np.ndarray, source_start: np.ndarray) -> None:
+    def __init__(
+        self, P: np.ndarray, follows: np.ndarray, start: np.ndarray, source_start: np.ndarray, travels: int
+    ) -> None:
         self.follows, self.start, self.source_start = follows, start, source_start
         self.above = np.full(len(P), -1)  # the nearest mapped bone above
         self.head = np.arange(len(P))  # of the bones that follow one bone together
@@ -244,10 +249,15 @@ class _MappedTree:
             else:
                 self.heads.append(bone)
         self.top = self.heads[0]
+        # That the body moves with, and the bones above it, whose lengths the motion changes.
+        self.travels = next(head for head in self.heads if follows[head] == travels)
+        self.sliding = {self.travels}
         self._below: dict[int, list[int]] = {}
         for bone in self.heads:
             if self.above[bone] >= 0:
                 self._below.setdefault(self.parent(bone), []).append(bone)
+        while (above := self.parent(min(self.sliding, key=self.heads.index))) >= 0:
+            self.sliding.add(above)
 
     def parent(self, head: int) -> int:
         above = self.above[head]
@@ -262,7 +272,7 @@ class _MappedTree:
 
     def scale(self) -> float:
         """Summed lengths of the target over those of the source."""
-        inner = [head for head in self.heads if self.parent(head) >= 0]
+        inner = [head for head in self.heads if self.parent(head) >= 0 and head not in self.sliding]
         x, x_source = self.joints(inner)
         y, y_source = self.joints([self.parent(head) for head in inner])
         length, length_source = np.linalg.norm(x - y, axis=1).sum(), np.linalg.norm(x_source - y_source, axis=1).sum()
@@ -273,7 +283,8 @@ class _MappedTree:
         way: dict[int, float] = {}
         for head in self.heads:
             parent = self.parent(head)
-            way[head] = way[parent] + float(np.linalg.norm(self.start[head] - self.start[parent])) if parent >= 0 else 0
+            length = float(np.linalg.norm(self.start[head] - self.start[parent]))
+            way[head] = way[parent] + length if parent >= 0 and head not in self.sliding else 0
         return max(way.values())
 
     def alignments(self, down: np.ndarray) -> np.ndarray:
