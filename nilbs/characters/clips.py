@@ -253,7 +253,7 @@ def _on_skeleton(clip: Clip, target: Skeleton, how: Retargeting, report: Report)
         )
     elif reference.frame is None and (reference.pose != np.eye(target.d + 1)).any():
         report(
-            f"{path.name}: its rest pose lies, unlike most of its frames, and is set upright; --rest-frame -1 keeps it"
+            f"{path.name}: its rest pose does not stand as the character's: it is set upright; --rest-frame -1 keeps it"
         )
     elif reference.frame is not None and how.rest_frame is None:
         report(
@@ -278,7 +278,7 @@ def bone_map_lines(source: Skeleton, target: Skeleton, bone_map: Mapping[str, st
     >>> hand = Skeleton([[0, 0], [1, 0], [2, 0]], [[0, 1], [1, 2]], [-1, 0], ("arm", "hand"))
     >>> for line in bone_map_lines(arm, hand, {"arm": "upper"}):
     ...     print(line)
-    1 of 2 bones follow a bone of the motion, 0 of them one of the same name
+    1 of 2 bones follow a bone of the motion, 0 of them one of the same name, and 1 keeps the rest pose
     upper -> arm
     keep their rest pose to the bone above: hand
     not used of the motion: lower
@@ -289,8 +289,10 @@ def bone_map_lines(source: Skeleton, target: Skeleton, bone_map: Mapping[str, st
         if led is not None:
             followers.setdefault(led, []).append(name)
     follow, same = sum(map(len, followers.values())), sum(led in names for led, names in followers.items())
+    still = len(target.names) - follow
     lines = [
-        f"{follow} of {len(target.names)} bones follow a bone of the motion, {same} of them one of the same name",
+        f"{follow} of {len(target.names)} bones follow a bone of the motion, {same} of them one of the same name"
+        + (f", and {still} keep{'s' * (still == 1)} the rest pose" if still else ""),
         *(f"{led} -> {', '.join(followers[led])}" for led in source.names if followers.get(led, [led]) != [led]),
     ]
     alone = [name for name in target.names if bone_map.get(name) is None]

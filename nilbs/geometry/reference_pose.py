@@ -43,12 +43,16 @@ class ReferencePose:
         Rotation by quarter turns from the source's axes to the target's.
     unlike : bool
         Whether neither the rest pose nor a frame is like the target's rest pose.
+    travels : int
+        The bone of the source whose joint shows where the body goes, see `travelling_bone`; -1 is the topmost one that
+        is followed.
     """
 
     frame: int | None
     pose: np.ndarray
     axes: np.ndarray
     unlike: bool = False
+    travels: int = -1
 
     def skeleton(self, source: Skeleton) -> Skeleton:
         """The source with this pose as its rest pose."""
@@ -127,24 +131,28 @@ def reference_pose(
             turns = [R for R in turns if (R @ axis == own).all()]
     if not turns:
         raise ValueError(f"up and forward must be two axes that are perpendicular, got {up!r} and {forward!r}")
+    travels = travelling_bone(source, B, led)
     pose = np.tile(np.eye(d + 1), (len(source.BE), 1, 1))
     rest_axes = _named_axes(source, _starts(source))
     stands = rest_axes is None or rest_axes[:, 0] @ _usual_up(source, B) >= np.cos(_TILTED)
-    if rest_frame is None and frame < 0 and len(B) and not stands and (unlike or len(led) <= d):
+    Q = nearest_rotation(x_target, x_rest)
+    contradicted = rest_axes is not None and (unlike or len(led) <= d or _askew(Q, rises, rest_axes))
+    if rest_frame is None and frame < 0 and len(B) and not stands and contradicted:
         frame, unlike = 0, False
     if frame >= 0:
         pose[:] = B[frame]
-    elif rest_frame is None and not unlike:
-        pose[:, :d, :d] = _tilt(x, x_rest, nearest_rotation(x_target, x_rest) @ rises)
-    if frame < 0 and (pose == np.eye(d + 1)).all():
+    elif rest_frame is None and not unlike and not contradicted:
+        pose[:, :d, :d] = _tilt(x, x_rest, Q @ rises)
+    by_name = contradicted and frame < 0 and rest_frame is None and up is None and forward is None
+    if frame < 0 and (pose == np.eye(d + 1)).all() and not by_name:
         axes = _best(turns, x_rest, x_target)
-        if up is None and forward is None and rest_axes is not None and stands and _askew(axes.T, rises, rest_axes):
+        if up is None and forward is None and rest_axes is not None and _askew(axes.T, rises, rest_axes):
             axes = _nearest_turn(turns, np.stack([rises, looks], axis=1) @ rest_axes.T)
-        return ReferencePose(None, pose, axes, unlike)
+        return ReferencePose(None, pose, axes, unlike, travels)
     reference = transform_points(pose[led], x_rest)
     Q = nearest_rotation(x_target, reference)
     named = _named_axes(source, transform_points(pose, _starts(source)))
-    if named is not None and _askew(Q, rises, named):
+    if named is not None and (by_name or _askew(Q, rises, named)):
         Q = _frame(named) @ _frame(np.stack([rises, looks], axis=1)).T
     if up is None and d == 3:
         turns = [R for R in turns if (R @ _nearest_axis(Q @ rises) == rises).all()] or turns
@@ -156,11 +164,10 @@ def reference_pose(
     back = axes.T @ leans.T @ axes
     starts = _starts(source)
     turn = back @ nearest_rotations(pose[:, :d, :d])
-    top = travelling_bone(source, B, led)
     placed = transform_points(pose, starts)
-    places = (placed - placed[top]) @ back.T + starts[top]
+    places = (placed - placed[travels]) @ back.T + starts[travels]
     upright = rigid_transforms(turn, places - (turn @ starts[..., None])[..., 0])
-    return ReferencePose(frame if frame >= 0 else None, upright, axes)
+    return ReferencePose(frame if frame >= 0 else None, upright, axes, unlike, travels)
 
 
 def travelling_bone(source: Skeleton, B: np.ndarray, led: np.ndarray) -> int:

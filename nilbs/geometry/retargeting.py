@@ -7,7 +7,7 @@ import numpy as np
 
 from nilbs.geometry.bone_names import matching_bones
 from nilbs.geometry.kinematics import bone_order, forward_kinematics
-from nilbs.geometry.reference_pose import ReferencePose, reference_pose, travelling_bone, up_and_forward
+from nilbs.geometry.reference_pose import ReferencePose, reference_pose, up_and_forward
 from nilbs.geometry.rotations import nearest_rotations, rotation_vectors, transform_points
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, listed
@@ -16,6 +16,7 @@ from nilbs.geometry.validation import arrays, listed
 # and not on where in the flesh the joints were placed.
 _CONE = np.cos(np.radians(60))
 _LIMB = 1 / 8  # of the longest way along bones
+_ASKEW = np.radians(60)  # bodies whose axes agree, and that still point so far apart, are of other kinds
 _LEAN = np.radians(30)  # a leg that leans less is no reason to tilt its foot
 _ASTRAY = 0.3  # of the longest way from the topmost joint: bones of like names that differ more are not the same
 _FAR = 1 / 4  # of the longest way: a start that is farther from the rest pose is no part of the motion
@@ -57,7 +58,8 @@ def retarget(
         With b bones.
     bone_map : mapping of str to str or None
         For bones of the target, by name, the bones of the source that they follow; several may follow one. Bones
-        without one keep their rest pose relative to the nearest bone above that has one.
+        without one keep their rest pose relative to the nearest bone above that has one; above all of these, they turn
+        with one from which more than half of all bones hang, else not at all.
     reference : ReferencePose, optional
         The source's pose that corresponds to the target's rest pose; by default that of
         `nilbs.geometry.reference_pose.reference_pose`.
@@ -105,10 +107,9 @@ def retarget(
     mapped = np.flatnonzero(follows >= 0)
     if reference is None:
         reference = reference_pose(source, B, target, follows)
-    travels = travelling_bone(source, B, follows[mapped])
     source, B, axes = reference.skeleton(source), reference.from_it(B), reference.axes
     start, source_start = target.C[target.BE[:, 0]], source.C[source.BE[:, 0]]
-    tree = _MappedTree(target.P, follows, start, source_start @ axes.T, travels)
+    tree = _MappedTree(target.P, follows, start, source_start @ axes.T, reference.travels)
     scale = tree.scale()
     A = tree.alignments(-up_and_forward(target)[0])
 
@@ -117,7 +118,8 @@ def retarget(
     R[:, mapped] = R_source @ A[mapped]
     for bone in bone_order(target.P):
         if follows[bone] < 0:
-            R[:, bone] = R[:, target.P[bone] if tree.above[bone] >= 0 else tree.top]
+            with_it = target.P[bone] if tree.above[bone] >= 0 else tree.body
+            R[:, bone] = R[:, with_it] if with_it >= 0 else np.eye(d)
     parent_R = np.where((target.P >= 0)[:, None, None], R[:, target.P], np.eye(d))
     theta = rotation_vectors(np.swapaxes(parent_R, -1, -2) @ R)
     still = forward_kinematics(target.C, target.BE, target.P, theta)
@@ -248,14 +250,20 @@ class _MappedTree:
                 self.head[bone] = self.head[above]
             else:
                 self.heads.append(bone)
-        self.top = self.heads[0]
         # That the body moves with, and the bones above it, whose lengths the motion changes.
-        self.travels = next(head for head in self.heads if follows[head] == travels)
+        self.travels = next((head for head in self.heads if follows[head] == travels), self.heads[0])
         self.sliding = {self.travels}
         self._below: dict[int, list[int]] = {}
         for bone in self.heads:
             if self.above[bone] >= 0:
                 self._below.setdefault(self.parent(bone), []).append(bone)
+        hang = np.ones(len(P), dtype=int)
+        for bone in bone_order(P)[::-1]:
+            if P[bone] >= 0:
+                hang[P[bone]] += hang[bone]
+        # The topmost mapped bone that carries the body; -1 where only limbs are mapped.
+        tops = [head for head in self.heads if self.parent(head) < 0 and 2 * hang[head] > len(P)]
+        self.body = tops[0] if tops else -1
         while (above := self.parent(min(self.sliding, key=self.heads.index))) >= 0:
             self.sliding.add(above)
 
@@ -299,6 +307,8 @@ class _MappedTree:
                 A[head] = A[parent]
             if head in limbs:
                 direction, direction_source = limbs[head]
+                if head == self.body and _angle(direction, direction_source) > _ASKEW:
+                    continue
                 A[head] = least_rotation(A[head] @ direction, direction_source) @ A[head]
         return A[self.head]
 

@@ -25,7 +25,7 @@ def stored_curves(curves: Sequence[PosesOverTime | None]) -> tuple[dict[str, np.
             text = {"names": list(found.source.names), "bone_map": dict(found.bone_map)}
             arrays |= {f"{k}.source.{name}": getattr(found.source, name) for name in _SKELETON}
             reference = found.reference
-            text |= {"frame": reference.frame, "unlike": reference.unlike}
+            text |= {"frame": reference.frame, "unlike": reference.unlike, "travels": reference.travels}
             arrays |= {f"{k}.start": found.start, f"{k}.pose": reference.pose, f"{k}.axes": reference.axes}
             found = found.curves
         if isinstance(found, Curves):
@@ -58,7 +58,8 @@ def _restored(arrays: Mapping[str, np.ndarray], k: int, text: Mapping[str, Any],
         raise ValueError(f"the curves of clip {k} are of {len(curves.bones)} bones, not {len(moved.BE)}")
     if not text:
         return curves
-    reference = ReferencePose(text["frame"], arrays[f"{k}.pose"], arrays[f"{k}.axes"], text["unlike"])
+    pose, axes = arrays[f"{k}.pose"], arrays[f"{k}.axes"]
+    reference = ReferencePose(text["frame"], pose, axes, text["unlike"], text.get("travels", -1))
     return FollowedCurves(moved, target, text["bone_map"], arrays[f"{k}.start"], reference, curves)
 
 

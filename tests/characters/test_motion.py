@@ -275,8 +275,8 @@ def test_a_clip_of_another_skeleton_is_mapped_with_a_note(tmp_path: Path, rng: n
     np.testing.assert_allclose(motion.B[:, :2, :3, :3], clip.B[:, :2, :3, :3], atol=1e-5)
     np.testing.assert_allclose(motion.B[:, 2], motion.B[:, 1], atol=1e-12)
     assert notes == [
-        "m.bvh: 2 of 3 bones follow a bone of the motion, 0 of them one of the same name; axes agree; lengths are "
-        "multiplied by 2",
+        "m.bvh: 2 of 3 bones follow a bone of the motion, 0 of them one of the same name, and 1 keeps the rest "
+        "pose; axes agree; lengths are multiplied by 2",
         "m.bvh: UpArm_L -> upperarm.L",
         "m.bvh: LoArm_L -> forearm.L",
         "m.bvh: keep their rest pose to the bone above: tail",

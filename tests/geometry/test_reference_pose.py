@@ -5,7 +5,7 @@ import pytest
 
 from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.reference_pose import nearest_rotation, procrustes_distance, reference_pose
-from nilbs.geometry.retargeting import followed_bones, least_rotation, retarget
+from nilbs.geometry.retargeting import followed_bones, guess_bone_map, least_rotation, retarget
 from nilbs.geometry.rotations import rigid_transforms, rotation_matrices, transform_points
 from nilbs.geometry.skeleton import Skeleton, skeleton_of_joints
 
@@ -97,6 +97,60 @@ def test_the_rest_pose_of_the_file_does_not_matter(name: str, target: Skeleton, 
     assert found.reference.frame == (None if name in ("A", "I") else 0)
     assert expected.reference.frame is None
     assert not found.reference.unlike
+
+
+def with_end_sites(skeleton: Skeleton) -> Skeleton:
+    """The same joints; the bones without length get ends, as in files that hold end sites."""
+    ends = np.flatnonzero(skeleton.BE[:, 0] == skeleton.BE[:, 1])
+    BE = skeleton.BE.copy()
+    BE[ends, 1] = len(skeleton.C) + np.arange(len(ends))
+    C = np.concatenate([skeleton.C, skeleton.C[skeleton.BE[ends, 0]] + [0.05, 0.1, 0.02]])
+    return Skeleton(C, BE, skeleton.P, skeleton.names)
+
+
+def below_a_root(skeleton: Skeleton, B: np.ndarray) -> tuple[Skeleton, np.ndarray]:
+    """The same below one more joint, on the ground, that never moves."""
+    joints = np.concatenate([np.zeros((1, 3)), starts(skeleton)])
+    rooted = skeleton_of_joints(joints, np.append(-1, PARENTS + 1), ["Root", *NAMES])
+    return rooted, np.concatenate([np.tile(np.eye(4), (len(B), 1, 1, 1)), B], axis=1)
+
+
+@pytest.mark.parametrize("rooted", [False, True], ids=["", "root"])
+@pytest.mark.parametrize("target", [person(), person(arms=0.7, size=3, long=1.2)], ids=["T", "A"])
+@pytest.mark.parametrize("rest", ["T", "bones along x", "bones along y", "root turned about x", "A"])
+@pytest.mark.parametrize("convention", ["end sites dropped", "hips below a still root"])
+def test_other_joints_of_the_file_do_not_matter(
+    convention: str, rest: str, target: Skeleton, rooted: bool, rng: np.random.Generator
+) -> None:
+    source = person()
+    B, L = clip(source, rng), np.ptp(target.C, axis=0).max()
+    if rooted:
+        target, _ = below_a_root(target, B)
+    expected = retarget(with_end_sites(source), B, target, SAME).B
+    other, B_other = (source, B) if rest == "T" else with_rest(source, B, rest_poses(source)[rest])
+    if convention == "hips below a still root":
+        other, B_other = below_a_root(other, B_other)
+    found = retarget(other, B_other, target, guess_bone_map(other, target)).B
+    hips = target.names.index("Hips")
+    x, x_expected = (transform_points(moved, starts(target))[:, hips:] for moved in (found, expected))
+    path, path_expected = (joints[:, 0] - joints[:1, 0] for joints in (x, x_expected))
+    np.testing.assert_allclose(path, path_expected, atol=0.01 * L)
+    np.testing.assert_allclose(x[:, 0], x_expected[:, 0], atol=0.01 * L)
+    np.testing.assert_allclose(np.ptp(path[:, 2]), 0.8 * retargeted_scale(source, target), rtol=0.1)
+    for bone, parent in enumerate(PARENTS):
+        if parent >= 0:
+            a, b = (joints[:, bone] - joints[:, parent] for joints in (x, x_expected))
+            cosine = (a * b).sum(axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+            assert cosine.min() > np.cos(np.radians(1))
+
+
+def retargeted_scale(source: Skeleton, target: Skeleton) -> float:
+    """The length of a leg of the target over that of the source."""
+    legs = [
+        np.linalg.norm(np.diff(starts(s)[[s.names.index(n) for n in ("LeftUpLeg", "LeftFoot")]], axis=0))
+        for s in (target, source)
+    ]
+    return float(legs[0] / legs[1])
 
 
 def test_axes_and_sizes_do_not_matter(rng: np.random.Generator) -> None:
