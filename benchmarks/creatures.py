@@ -144,9 +144,9 @@ def markdown(rows: Sequence[Row], remarks: dict[str, str]) -> str:
 
 
 def _cells(scores: np.ndarray) -> list[str]:
-    """Both means with half their ranges over seeds, and the ratio of the mean errors."""
+    """Both means, with half their ranges if there are several seeds, and the ratio of the mean errors."""
     mean, spread = scores.mean(axis=0), np.ptp(scores, axis=0) / 2
-    texts = [f"{m:.4f} ± {s:.4f}" for m, s in zip(mean, spread, strict=True)]
+    texts = [f"{m:.4f}" + (f" ± {s:.4f}" if len(scores) > 1 else "") for m, s in zip(mean, spread, strict=True)]
     return [*texts, f"{(1 - mean[0]) / (1 - mean[1]):.2f}" if mean[1] < 1 else "-"]
 
 
@@ -172,7 +172,7 @@ def run(args: argparse.Namespace) -> None:
         remarks[file.stem] = remark(model)
         minutes = (process_time() - start) / 60
         facts = (
-            f"{truth}{args.seeds} seeds, from 0: mean ± half the range. "
+            f"{truth}{'Seed 0. ' if args.seeds == 1 else f'{args.seeds} seeds, from 0: mean ± half the range. '}"
             f"Ratio: 1 - IoU of nilbs over that of {BASELINE}. "
             f"Thin: with less than {CELLS} cells of the rest cache of body below it. "
             f"{args.points} uniform points and as many at the surface, a frame. "
