@@ -15,33 +15,14 @@ if TYPE_CHECKING:
     from nilbs.models.model import Model
 
 
-# Uses what most tests use of the engine.
-COMPILE = """
-import numpy as np
-from nilbs.characters.capsule import capsule
-from nilbs.characters.motion import random_motion
-from nilbs.engine.winding import winding_number
-from nilbs.models.fitting import fit
-
-for d in (2, 3):
-    c = capsule(d=d, resolution=8)
-    model = fit(c, random_motion(c, frames=2), steps=0, cache_resolution=8, weight_resolution=8, device="cpu")
-    posed = model.posed(model.motion[1])
-    x = c.V[:5] + 0.01
-    posed.posed_distance(x), posed.closest_points(x), posed.rest_points(x), posed.posed_points(c.V[:5])
-    model.extract(model.motion[1], 8)
-    winding_number(c.V, c.F, x)
-"""
-
-
-# Run by Blender's own Python, not by this one.
-collect_ignore = ["io/blender_characters.py"]
+# Programs: run by Blender's own Python, and before the tests.
+collect_ignore = ["io/blender_characters.py", "compile_engine.py"]
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Before several workers begin, compile the engine: each would compile it for itself, at the same time."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        subprocess.run([sys.executable, "-c", COMPILE], check=True)
+        subprocess.run([sys.executable, str(Path(__file__).parent / "compile_engine.py")], check=True)
 
 
 @pytest.fixture

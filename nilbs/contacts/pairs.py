@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nilbs.contacts.penetration import penetration
+from nilbs.contacts.penetration import penetration_in
 from nilbs.geometry.interpolation import facet_shares
 from nilbs.geometry.sampling import facet_samples
 from nilbs.models.model import Model
@@ -79,7 +79,7 @@ def skin_places(V: np.ndarray, F: np.ndarray, *, samples: int | None = None, see
 
 
 def contacts(
-    a: Model, pose_a: np.ndarray, b: Model, pose_b: np.ndarray, *, samples: int | None = None, seed: int = 0
+    a: Model, pose_a: np.ndarray, b: Model, pose_b: np.ndarray, *, skins: tuple[Skin, Skin] | None = None
 ) -> Contacts:
     """Where two posed bodies reach into each other, seen from both.
 
@@ -89,10 +89,8 @@ def contacts(
         Two models of one dimension, or one twice.
     pose_a, pose_b : (b, d+1, d+1) float array
         Their bone transforms, rest to posed, into one world.
-    samples : int, optional
-        Places on each skin that are looked at, of uniform density at rest; by default its vertices.
-    seed : int
-        Of the random number generator that chooses them.
+    skins : (Skin, Skin), optional
+        Places on the skins of a and b that are looked at, from `skin_places`; by default the vertices.
 
     Returns
     -------
@@ -119,14 +117,14 @@ def contacts(
     """
     if a.character.d != b.character.d:
         raise ValueError(f"both bodies must have one dimension, got {a.character.d} and {b.character.d}")
-    skins = [skin_places(m.character.V, m.character.F, samples=samples, seed=seed) for m in (a, b)]
+    skins = skins or (skin_places(a.character.V, a.character.F), skin_places(b.character.V, b.character.F))
     posed = [m.posed(pose) for m, pose in ((a, pose_a), (b, pose_b))]
     sides = []
     for of_b in (True, False):
         own, other = (1, 0) if of_b else (0, 1)
         skin, character = skins[own], posed[own].character
         x = skin.at(posed[own].U, character.F)
-        found = penetration(posed[other].model, x, posed[other].pose)
+        found = penetration_in(posed[other], x)
         here = np.flatnonzero(found.facet >= 0)
         depth, way = found.depth[here], found.way_out[here]
         normal = np.divide(way, depth[:, None], out=np.zeros_like(way), where=depth[:, None] > 0)

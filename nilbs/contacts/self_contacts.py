@@ -6,7 +6,7 @@ import numpy as np
 
 from nilbs.engine.other_roots import other_roots
 from nilbs.engine.search import PosedSearch, SearchEngine
-from nilbs.engine.unit_frame import UnitFrame, at_rest
+from nilbs.engine.unit_frame import at_rest
 from nilbs.engine.winding import winding_number
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.sampling import uniform_samples
@@ -78,15 +78,15 @@ class SelfContactFinder:
         engine = model.engine()
         if not isinstance(engine, SearchEngine):
             raise ValueError(
-                f"contacts of a body with itself need the compiled search, which the method {model.method.name} has not"
+                "contacts of a body with itself need the compiled search on the processor, "
+                f"which the method {model.method.name} has not here"
             )
         c = model.character
         self.model, self.engine = model, engine
         self.x_rest = _inside(c.V, c.F, samples, np.random.default_rng(seed))
         part = c.W.argmax(axis=1)
-        self._part = np.where(
-            (part[c.F] == part[c.F][:, :1]).all(axis=1), part[c.F[:, 0]], c.W[c.F].sum(axis=1).argmax(axis=1)
-        )
+        self._part_of_facet = sum(c.W[c.F[:, k]] for k in range(c.d)).argmax(axis=1)
+        self._rest = model.surface_tree.posed(c.V)
         self._own = self._parts(self.x_rest)
         self.exempt = _near_along(c.skeleton.P, steps) | touching(c.V, c.F, part, len(c.skeleton.BE), apart * c.L)
 
@@ -101,7 +101,7 @@ class SelfContactFinder:
         if np.ndim(pose) != 3:
             raise ValueError(f"pose must be (b, d+1, d+1), got {np.shape(pose)}")
         c, posed = self.model.character, self.model.posed(pose)
-        frame = UnitFrame(c, posed.pose)
+        frame = posed.frame
         search = self.engine(frame.B)
         assert isinstance(search, PosedSearch)
         unit = at_rest(c, self.x_rest)
@@ -122,9 +122,7 @@ class SelfContactFinder:
 
     def _parts(self, x_rest: np.ndarray) -> np.ndarray:
         """The part (n,) of rest points (n, d)."""
-        c = self.model.character
-        tree = self.model.surface_tree.posed(c.V)
-        return self._part[tree.closest(x_rest).facet]
+        return self._part_of_facet[self._rest.closest(x_rest).facet]
 
 
 def self_contacts(model: Model, pose: np.ndarray, *, apart: float = APART, steps: int = STEPS) -> SelfContacts:
@@ -150,7 +148,6 @@ def _near_along(P: np.ndarray, steps: int) -> np.ndarray:
     linked = np.eye(b, dtype=bool)
     child = np.flatnonzero(P >= 0)
     linked[child, P[child]] = linked[P[child], child] = True
-    # Bones without a parent start together, or are free of each other; either way they are no neighbours.
     near = np.eye(b, dtype=bool)
     for _ in range(steps):
         near = near @ linked

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from nilbs.characters.motion import Motion
-from nilbs.contacts.pairs import contacts
+from nilbs.contacts.pairs import contacts, skin_places
 from nilbs.contacts.self_contacts import SelfContactFinder
 from nilbs.models.model import Model
 
@@ -70,10 +70,15 @@ def self_timeline(finder: SelfContactFinder, motion: Motion, *, step: Callable[[
 def pair_timeline(
     model: Model, motion: Motion, name: str, other: Model, *, samples: int, step: Callable[[], object] = lambda: None
 ) -> Timeline:
-    """Where a body meets another one, which moves as it was trained to at the same time, in each frame."""
-    frames = []
+    """Where a body meets another one, which moves as it was trained to at the same time, in each frame.
+
+    So many places on each skin are looked at.
+    """
+    bodies, frames = (model.character, other.character), []
+    on_model, on_other = (skin_places(c.V, c.F, samples=samples) for c in bodies)
     for k in range(len(motion)):
-        found = contacts(model, motion[k], other, other.motion.at(seconds=float(motion.times[k])), samples=samples)
+        pose = other.motion.at(seconds=float(motion.times[k]))
+        found = contacts(model, motion[k], other, pose, skins=(on_model, on_other))
         bones, deepest = None, int(np.argmax(found.depth)) if len(found.depth) else None
         if deepest is not None:
             mine, its = (found.other_facet, found.facet) if found.of_b[deepest] else (found.facet, found.other_facet)

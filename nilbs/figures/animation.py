@@ -13,7 +13,6 @@ from nilbs.figures.views import View
 from nilbs.io.atomic import replacing
 
 DPI = 100
-FILMS = (".gif", ".mp4")
 
 
 def pictures(

@@ -264,8 +264,10 @@ class _MappedTree:
         # The topmost mapped bone that carries the body; -1 where only limbs are mapped.
         tops = [head for head in self.heads if self.parent(head) < 0 and 2 * hang[head] > len(P)]
         self.body = tops[0] if tops else -1
-        while (above := self.parent(min(self.sliding, key=self.heads.index))) >= 0:
+        above = self.parent(self.travels)
+        while above >= 0:
             self.sliding.add(above)
+            above = self.parent(above)
 
     def parent(self, head: int) -> int:
         above = self.above[head]

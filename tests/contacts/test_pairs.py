@@ -10,7 +10,8 @@ from .conftest import LENGTH, RADIUS
 @pytest.mark.parametrize("d", [2, 3])
 def test_two_capsules_side_by_side(capsules, moved, capsule_distance, d, samples) -> None:
     model, apart = capsules[d], 0.3
-    found = contacts(model, moved(d), model, moved(d, apart), samples=samples)
+    skin = skin_places(model.character.V, model.character.F, samples=samples)
+    found = contacts(model, moved(d), model, moved(d, apart), skins=(skin, skin))
     assert 0 < found.of_b.sum() < len(found.depth)
     shift = np.where(found.of_b[:, None], 0.0, np.eye(d)[0] * apart)
     true = -capsule_distance(found.point - shift)

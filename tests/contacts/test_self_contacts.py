@@ -65,7 +65,7 @@ def test_parts_that_touch() -> None:
 
 def test_other_methods_are_refused(chain) -> None:
     other = fit(chain.character, chain.motion, method="nearest")
-    with pytest.raises(ValueError, match="the method nearest has not"):
+    with pytest.raises(ValueError, match="the method nearest has not here"):
         SelfContactFinder(other)
     with pytest.raises(ValueError, match=r"pose must be \(b, d\+1, d\+1\)"):
         SelfContactFinder(chain, samples=10)(rolled(chain, 5)[None])

@@ -49,6 +49,7 @@ def run(args: argparse.Namespace) -> None:
     """Check, write and report."""
     from pathlib import Path
 
+    import numpy as np
     from tqdm import tqdm
 
     from nilbs.app.output import show
@@ -78,9 +79,8 @@ def run(args: argparse.Namespace) -> None:
             name = Path(path).stem
             timelines.append(pair_timeline(model, motion, name, other, samples=args.points, step=bar.update))
     L, names = model.character.L, model.character.skeleton.names
-    b = len(names)
-    pairs = [(names[i], names[j]) for i in range(b) for j in range(i + 1, b) if finder.exempt[i, j]]
-    share = len(pairs) / max(b * (b - 1) / 2, 1)
+    pairs = [(names[i], names[j]) for i, j in np.argwhere(np.triu(finder.exempt, 1))]
+    share = len(pairs) / max(len(names) * (len(names) - 1) / 2, 1)
     text = table(timelines, L, {"pairs of bones that may overlap": share})
     values = {"model": args.model, "motion": motion.source, "contacts": [t.values(L) for t in timelines]}
     values |= {"exempt": pairs, "exempt_share": share}
