@@ -36,6 +36,27 @@ def test_places_move_with_the_skin(capsules, moved, rng, d) -> None:
     assert torch.autograd.gradcheck(moving, (poses,))
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_loss_of_two_bodies_depends_on_both_poses(capsules, moved, rng, d) -> None:
+    model = capsules[d]
+    skin = MovingSkin(model, skin_places(model.character.V, model.character.F, samples=30))
+    poses = [torch.tensor(pose, requires_grad=True) for pose in (bent(moved, rng, d), bent(moved, rng, d))]
+    poses[1].data[:, 0, d] += 0.25
+    loss = contact_loss(model, poses[0], model, poses[1], skins=(skin, skin))
+    loss.backward()
+    direction = [torch.tensor(rng.normal(size=pose.shape)) for pose in poses]
+    for pose, along in zip(poses, direction, strict=True):
+        along[:, -1] = 0
+        there, back = (pose.detach() + h * along for h in (1e-6, -1e-6))
+        others = [p.detach() for p in poses]
+        values = []
+        for moved_pose in (there, back):
+            both = [moved_pose if p is pose else q for p, q in zip(poses, others, strict=True)]
+            values.append(contact_loss(model, both[0], model, both[1], skins=(skin, skin)).item())
+        assert loss > 0
+        assert (values[0] - values[1]) / 2e-6 == pytest.approx((pose.grad * along).sum().item(), rel=1e-3, abs=1e-9)
+
+
 def test_a_step_down_the_loss_moves_bodies_apart(capsules, moved) -> None:
     model = capsules[3]
     a = torch.tensor(moved(3))

@@ -4,6 +4,8 @@ import pytest
 from nilbs.characters.capsule import capsule
 from nilbs.characters.motion import random_motion
 from nilbs.contacts.self_contacts import SelfContactFinder, self_contacts, touching
+from nilbs.engine.other_roots import other_roots
+from nilbs.engine.unit_frame import at_rest
 from nilbs.geometry.distance import closest_points
 from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.winding import winding_number
@@ -43,6 +45,26 @@ def test_a_chain_rolled_into_itself(chain) -> None:
     x = posed.posed_points(finder.x_rest)
     twice = winding_number(posed.U, c.F, x) > 1.5
     assert len(found.depth) == pytest.approx(twice.sum(), rel=0.1)
+
+
+def test_another_root_is_not_the_known_one(chain) -> None:
+    c, pose = chain.character, rolled(chain, 62)
+    posed = chain.posed(pose)
+    rest = SelfContactFinder(chain, samples=5000).x_rest
+    unit = at_rest(c, rest)
+    x = posed.posed_points(rest)
+    other, distance = other_roots(chain.engine()(posed.frame.B), x, posed.frame.to_unit, unit)
+    found = ~np.isnan(other[:, 0])
+    assert (found == (winding_number(posed.U, c.F, x) > 1.5)).mean() > 0.97
+    assert (np.linalg.norm(other - unit, axis=1)[found] > 0.1).all()
+    np.testing.assert_array_equal(np.isinf(distance), ~found)
+    assert (distance[found] < 0).all()
+
+
+def test_pairs_that_are_exempt_are_no_contacts(chain) -> None:
+    pose = rolled(chain, 62)
+    assert len(SelfContactFinder(chain, samples=5000)(pose).depth) > 0
+    assert len(SelfContactFinder(chain, samples=5000, steps=BONES)(pose).depth) == 0
 
 
 def test_a_bent_chain_does_not_meet_itself(chain) -> None:
