@@ -1,12 +1,12 @@
 """Bounded biharmonic weights: every bone at once, every row on the simplex."""
 
 import os
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from scipy import sparse
 
+from nilbs.geometry.dissection import Dissection
 from nilbs.geometry.validation import arrays
 
 # The penalties of the splitting, in two norms one after the other; lengths are in diagonals of the domain. With the
@@ -15,11 +15,11 @@ from nilbs.geometry.validation import arrays
 # is left around the bones. On eighteen small shapes the result is within 1.4e-4 of the least energy, and within 0.009
 # of the exact weights; but 0.012 to 0.022 on three in the plane whose bones cross.
 MASS_PENALTIES = (1e7, 3e5, 1e4, 3e5, 1e7)
-ENERGY_PENALTIES = (1e-1, 1e-2, 1e-3)
+ENERGY_PENALTIES = (1e-1, 1e-2)
+# Of that diagonal, in every penalty: where an element has hardly any volume, rounding would hide a smaller one.
+STEEPEST = 1e-11
 # A penalty has done its work when no weight changed by more than this in a few iterations, one after the other.
 CHANGE, CALM = 2e-4, 3
-# Bones that are solved for at once: as many as fit the processor's cache beside the factors.
-COLUMNS = 24
 
 
 def bounded_biharmonic_weights(
@@ -108,7 +108,7 @@ def bounded_biharmonic_weights(
         W_used = np.clip(igl.bbw(x, T, held, W_fixed[holds], max_iter=50), 0, 1)
         W_used /= W_used.sum(axis=1, keepdims=True)
     elif method == "joint":
-        W_used = _joint(K, mass, held, W_fixed[holds], iterations, progress)
+        W_used = _joint(x, K, mass, held, W_fixed[holds], iterations, progress)
     else:
         raise ValueError(f"method must be 'joint' or 'igl', got {method!r}")
     W = _nearest_rows(V, used, W_used)
@@ -178,12 +178,16 @@ def simplex_projection(W: np.ndarray) -> np.ndarray:
 
 
 def _simplex(W: np.ndarray) -> np.ndarray:
-    # Duchi et al., fig. 1: after sorting, the number of entries that stay positive gives the amount to subtract.
-    ordered = -np.sort(-W, axis=1)
-    excess = np.cumsum(ordered, axis=1) - 1
-    rank = np.arange(1, W.shape[1] + 1)
-    kept = np.maximum((ordered * rank > excess).sum(axis=1), 1)
-    shift = excess[np.arange(len(W)), kept - 1] / kept
+    # The amount to subtract is the one for which the positive entries that are left sum to one. It starts too small and
+    # grows with every entry that it leaves behind, until none is.
+    shift = np.maximum(W.max(axis=1) - 1, (W.sum(axis=1) - 1) / W.shape[1])
+    rows, kept = np.arange(len(W)), np.full(len(W), -1)
+    while len(rows):
+        part = W[rows]
+        above = part >= shift[rows, None]
+        count = above.sum(axis=1)
+        shift[rows] = (np.where(above, part, 0).sum(axis=1) - 1) / np.maximum(count, 1)
+        rows, kept = rows[count != kept], count[count != kept]
     return np.clip(W - shift[:, None], 0, 1)
 
 
@@ -222,7 +226,13 @@ def _check_every_part_is_held(K: sparse.csc_matrix, fixed: np.ndarray, used: np.
 
 
 def _joint(
-    K: sparse.csc_matrix, mass: np.ndarray, fixed: np.ndarray, W_fixed: np.ndarray, iterations: int, progress: bool
+    V: np.ndarray,
+    K: sparse.csc_matrix,
+    mass: np.ndarray,
+    fixed: np.ndarray,
+    W_fixed: np.ndarray,
+    iterations: int,
+    progress: bool,
 ) -> np.ndarray:
     """Weights by the alternating direction method of multipliers."""
     from threadpoolctl import threadpool_limits
@@ -236,23 +246,26 @@ def _joint(
         return W
     rows = K[free]
     K, pull, mass = rows[:, free].tocsc(), rows[:, fixed] @ W_fixed, mass[free]
-    stages = [rho * mass for rho in MASS_PENALTIES] + [rho * K.diagonal() for rho in ENERGY_PENALTIES]
+    steep = K.diagonal()
+    stages = [rho * mass + STEEPEST * steep for rho in MASS_PENALTIES] + [rho * steep for rho in ENERGY_PENALTIES]
     # Two stages with one penalty share its factors.
     last = {penalty.tobytes(): stage for stage, penalty in enumerate(stages)}
-    kept: dict[bytes, Callable[[np.ndarray], np.ndarray]] = {}
-    # The factors release the interpreter lock, so that bones share the cores; more threads in BLAS would only compete.
+    # Numpy's products release the interpreter lock; more threads in BLAS would only compete.
     with (
         threadpool_limits(1, "blas"),
         ThreadPoolExecutor(os.cpu_count()) as pool,
         tqdm(total=len(stages) * iterations, desc="weights", unit="it", disable=not progress, delay=2) as bar,
     ):
-        Z = _simplex(_solver(K, pool)(-pull))
+        dissection = Dissection(K, V[free], pool)
+        softest = stages[int(np.argmin(MASS_PENALTIES))]
+        solvers = {softest.tobytes(): dissection.solver(softest)}
+        Z = _simplex(solvers[softest.tobytes()](-pull))
         multipliers = np.zeros_like(Z)
         for stage, penalty in enumerate(stages):
             key = penalty.tobytes()
-            solve = kept.pop(key, None) or _solver((K + sparse.diags(penalty)).tocsc(), pool)
+            solve = solvers.pop(key, None) or dissection.solver(penalty)
             if last[key] > stage:
-                kept[key] = solve
+                solvers[key] = solve
             column = penalty[:, None]
             Y = multipliers / column
             calm = 0
@@ -269,21 +282,6 @@ def _joint(
             multipliers = Y * column
     W[free] = Z
     return W
-
-
-def _solver(K: sparse.csc_matrix, pool: ThreadPoolExecutor) -> Callable[[np.ndarray], np.ndarray]:
-    """The solution X of K X = right, for a positive definite K that is factorised here, as a function of right."""
-    from scipy.sparse.linalg import splu
-
-    # Without pivoting, which a positive definite matrix does not need, this is as sparse as a Cholesky factor.
-    options = {"SymmetricMode": True}
-    factors = splu(K, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-
-    def solve(right: np.ndarray) -> np.ndarray:
-        parts = np.array_split(right, -(-right.shape[1] // COLUMNS), axis=1)
-        return np.concatenate(list(pool.map(factors.solve, parts)), axis=1)
-
-    return solve
 
 
 def _nearest_rows(V: np.ndarray, used: np.ndarray, W_used: np.ndarray) -> np.ndarray:
