@@ -168,12 +168,10 @@ def _halves(K: sparse.csc_matrix, V: np.ndarray, part: np.ndarray) -> tuple[tupl
     """Two halves without a coupling, and the unknowns between them: as few as a plane along an axis finds."""
     inner = K[part][:, part].tocsr()
     inner.data = np.ones_like(inner.data)
-    best = None
-    for axis in range(V.shape[1]):
+    cuts = []
+    for x in V[part].T:
         first = np.zeros(len(part), dtype=bool)
-        first[np.argsort(V[part, axis], kind="stable")[: len(part) // 2]] = True
-        between = first & (inner @ ~first > 0)
-        if best is None or between.sum() < best[1].sum():
-            best = first, between
-    first, between = best
+        first[np.argsort(x, kind="stable")[: len(part) // 2]] = True
+        cuts.append((first, first & (inner @ ~first > 0)))
+    first, between = min(cuts, key=lambda cut: int(cut[1].sum()))
     return (part[first & ~between], part[~first]), part[between]

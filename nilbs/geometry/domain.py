@@ -8,7 +8,7 @@ import numpy as np
 
 from nilbs.geometry.diagnosis import enclosed_volume, solid_defects
 from nilbs.geometry.distance import closest_points
-from nilbs.geometry.facets import facet_areas
+from nilbs.geometry.facets import facet_areas, is_watertight
 from nilbs.geometry.grids import Grid, cell_corners
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.triangles import conforming_triangles
@@ -24,6 +24,7 @@ SPACING = 0.023  # of the diagonal: edge of the elements inside a slender body
 QUALITY = 2**0.5  # circumradius over shortest edge of the worst element
 ELEMENTS = 25_000  # inside a bulky one, whose elements are larger
 FLAT_SPACING = 0.02  # of the diagonal: between vertices that are added in the plane
+MANY_POINTS = 40  # of the bones; inside a bulky body with fewer, half as many elements resolve the weights
 LONGEST_EDGE = 0.05  # of the diagonal; a surface of few triangles with longer edges is refined
 RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second if the first cannot be filled
 BLOCKS = 56  # cells along the longest edge of the blocks, which are used if nothing finer can be filled
@@ -123,7 +124,8 @@ def _spatial(
         distance, _, _ = closest_points(V_closed, F_closed, points)
         inner = points[occupancy(V_closed, F_closed, points) & (distance > MARGIN)]
         # A regular tetrahedron with edge h has the volume h^3 / sqrt(72).
-        edge = float(np.cbrt(np.sqrt(72) * abs(enclosed_volume(V_closed, F_closed)) / ELEMENTS))
+        elements = ELEMENTS * (1 if len(inner) >= MANY_POINTS else 0.5)
+        edge = float(np.cbrt(np.sqrt(72) * abs(enclosed_volume(V_closed, F_closed)) / elements))
         spacing = coarseness * max(SPACING, edge)
         try:
             V_volume, T = conforming_tetrahedra(
@@ -149,14 +151,16 @@ def _closed_surfaces(
     """Surfaces to fill, the best first, each with its notes."""
     from nilbs.geometry.copyleft.decimation import decimated
 
-    defects = solid_defects(V, F)
+    V_few, F_few, notes = V, F, []
+    if len(V) > SURFACE_LIMIT and is_watertight(F):
+        V_few, F_few = decimated(V, F, DECIMATED)
+        notes = [f"the surface is large: weights are solved inside one with {len(F_few)} triangles"]
+    # What is filled has to be clean; of a large surface it is also quicker to examine.
+    defects = solid_defects(V_few, F_few)
     if not defects:
-        notes = []
-        if len(V) > SURFACE_LIMIT:
-            V, F = decimated(V, F, DECIMATED)
-            notes = [f"the surface is large: weights are solved inside one with {len(F)} triangles"]
-        yield *_refined(V, F, coarseness * LONGEST_EDGE), notes
-        defects = ["it could not be filled"]
+        yield *_refined(V_few, F_few, coarseness * LONGEST_EDGE), notes
+    if not defects or notes:
+        defects = (notes and solid_defects(V, F)) or ["it could not be filled"]
     notes = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
     for resolution in RESOLUTIONS:
         yield *decimated(*wrapping_surface(V, F, resolution=resolution), DECIMATED), notes
