@@ -24,7 +24,8 @@ SPACING = 0.023  # of the diagonal: edge of the elements inside a slender body
 QUALITY = 2**0.5  # circumradius over shortest edge of the worst element
 ELEMENTS = 25_000  # inside a bulky one, whose elements are larger
 FLAT_SPACING = 0.02  # of the diagonal: between vertices that are added in the plane
-MANY_POINTS = 40  # of the bones; inside a bulky body with fewer, half as many elements resolve the weights
+# Weights of few bones have few steep places: if so few points hold them, these parts of the numbers above are enough.
+FEW_POINTS, FEW_FACETS, FEW_ELEMENTS = 40, 0.4, 0.2
 LONGEST_EDGE = 0.05  # of the diagonal; a surface of few triangles with longer edges is refined
 RESOLUTIONS = (160, 80)  # cells of a wrap along its longest edge; the second if the first cannot be filled
 BLOCKS = 56  # cells along the longest edge of the blocks, which are used if nothing finer can be filled
@@ -119,13 +120,13 @@ def _spatial(
     from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 
     notes: list[str] = []
-    for V_closed, F_closed, note in _closed_surfaces(V, F, coarseness):
+    facets, elements = (FEW_FACETS, FEW_ELEMENTS) if len(points) < FEW_POINTS else (1, 1)
+    for V_closed, F_closed, note in _closed_surfaces(V, F, coarseness, facets):
         notes += note
         distance, _, _ = closest_points(V_closed, F_closed, points)
         inner = points[occupancy(V_closed, F_closed, points) & (distance > MARGIN)]
         # A regular tetrahedron with edge h has the volume h^3 / sqrt(72).
-        elements = ELEMENTS * (1 if len(inner) >= MANY_POINTS else 0.5)
-        edge = float(np.cbrt(np.sqrt(72) * abs(enclosed_volume(V_closed, F_closed)) / elements))
+        edge = float(np.cbrt(np.sqrt(72) * abs(enclosed_volume(V_closed, F_closed)) / (elements * ELEMENTS)))
         spacing = coarseness * max(SPACING, edge)
         try:
             V_volume, T = conforming_tetrahedra(
@@ -146,14 +147,14 @@ def _spatial(
 
 
 def _closed_surfaces(
-    V: np.ndarray, F: np.ndarray, coarseness: float
+    V: np.ndarray, F: np.ndarray, coarseness: float, part: float
 ) -> Iterator[tuple[np.ndarray, np.ndarray, list[str]]]:
     """Surfaces to fill, the best first, each with its notes."""
     from nilbs.geometry.copyleft.decimation import decimated
 
     V_few, F_few, notes = V, F, []
-    if len(V) > SURFACE_LIMIT and is_watertight(F):
-        V_few, F_few = decimated(V, F, DECIMATED)
+    if len(V) > part * SURFACE_LIMIT and is_watertight(F):
+        V_few, F_few = decimated(V, F, round(part * DECIMATED))
         notes = [f"the surface is large: weights are solved inside one with {len(F_few)} triangles"]
     # What is filled has to be clean; of a large surface it is also quicker to examine.
     defects = solid_defects(V_few, F_few)
@@ -163,7 +164,7 @@ def _closed_surfaces(
         defects = (notes and solid_defects(V, F)) or ["it could not be filled"]
     notes = [f"the mesh is not a clean solid ({', '.join(defects)}): weights are solved in a volume wrapped around it"]
     for resolution in RESOLUTIONS:
-        yield *decimated(*wrapping_surface(V, F, resolution=resolution), DECIMATED), notes
+        yield *decimated(*wrapping_surface(V, F, resolution=resolution), round(part * DECIMATED)), notes
         notes = ["a coarser wrap was needed"]
 
 

@@ -1,6 +1,7 @@
 """Bounded biharmonic weights: every bone at once, every row on the simplex."""
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -9,17 +10,24 @@ from scipy import sparse
 from nilbs.geometry.dissection import Dissection
 from nilbs.geometry.validation import arrays
 
-# The penalties of the splitting, in two norms one after the other; lengths are in diagonals of the domain. With the
-# mass matrix, a soft penalty settles the smooth large part of the weights and a hard one the steep small part, so it
-# goes from hard to soft and back. The diagonal of the energy, which depends on how fine the elements are, settles what
-# is left around the bones. On eighteen small shapes the result is within 1.4e-4 of the least energy, and within 0.009
-# of the exact weights; but 0.012 to 0.022 on three in the plane whose bones cross.
-MASS_PENALTIES = (1e7, 3e5, 1e4, 3e5, 1e7)
-ENERGY_PENALTIES = (1e-1, 1e-2)
-# Of that diagonal, in every penalty: where an element has hardly any volume, rounding would hide a smaller one.
-STEEPEST = 1e-11
+# The penalties of the splitting: so many times the mass matrix plus so many times the diagonal of the energy matrix;
+# lengths are in diagonals of the domain. On a few vertices they go from hard to soft and back: a soft penalty settles
+# the smooth large part of the weights, a hard one the steep small part.
+FEW_PENALTIES = ((1e7, 0), (3e5, 0), (1e4, 0), (3e5, 0), (1e7, 0), (0, 1e-1), (0, 1e-2), (0, 1e-3))
+# On all, what is left is steep.
+PENALTIES = ((1e7, 3e-3), (0, 3e-2))
+# With that much of the diagonal, single precision is enough to solve for changes: a large mesh takes half the time, and
+# weights move by some 1e-4. Up to so many vertices precision is double.
+DOUBLE = 5000
+# Where an element has hardly any volume, rounding would hide a diagonal smaller than this.
+SMALLEST = 1e-11
+# Of the mass around each of the few vertices: about the stiffness between them.
+STIFFNESS = 1e7
+# No more vertices than this are few enough, else at least so many are chosen, and so many a bone.
+SMALL, FEW, FEW_PER_BONE = 900, 300, 2
+RELAXATION = 1.8
 # A penalty has done its work when no weight changed by more than this in a few iterations, one after the other.
-CHANGE, CALM = 2e-4, 3
+CHANGE, CALM = 5e-5, 3
 
 
 def bounded_biharmonic_weights(
@@ -29,7 +37,7 @@ def bounded_biharmonic_weights(
     W_fixed: np.ndarray,
     *,
     method: str = "joint",
-    iterations: int = 20,
+    iterations: int = 40,
     progress: bool = False,
 ) -> np.ndarray:
     """Smooth weights that are one on their own bone, zero on the others, and convex everywhere.
@@ -68,8 +76,11 @@ def bounded_biharmonic_weights(
     Minimises 1/2 sum_b w_b' L M^-1 L w_b, eq. 1 of [1]_, with libigl's cotangent Laplacian L and mass matrix M, over
     all bones at once, so that the partition of unity is part of the problem. The alternating direction method of
     multipliers [2]_ repeats a linear solve, one factorisation for all bones, and a projection of every row on the
-    simplex [3]_. The result is the projected iterate, so its bounds and sums do not depend on convergence. The penalty
-    changes in stages, each of which starts from the weights and multipliers of the one before.
+    simplex [3]_. The result is the projected iterate, so its bounds and sums do not depend on convergence.
+
+    On a large mesh it runs twice. First only a few hundred vertices, spread evenly, keep the bounds; the energy of
+    their weights, with the least energy between, is a small dense matrix, the Schur complement. From these weights a
+    few tens of iterations on all vertices are enough.
 
     References
     ----------
@@ -181,13 +192,14 @@ def _simplex(W: np.ndarray) -> np.ndarray:
     # The amount to subtract is the one for which the positive entries that are left sum to one. It starts too small and
     # grows with every entry that it leaves behind, until none is.
     shift = np.maximum(W.max(axis=1) - 1, (W.sum(axis=1) - 1) / W.shape[1])
-    rows, kept = np.arange(len(W)), np.full(len(W), -1)
+    rows, kept = np.arange(len(W)), np.full(len(W), W.shape[1] + 1)
     while len(rows):
         part = W[rows]
         above = part >= shift[rows, None]
         count = above.sum(axis=1)
         shift[rows] = (np.where(above, part, 0).sum(axis=1) - 1) / np.maximum(count, 1)
-        rows, kept = rows[count != kept], count[count != kept]
+        fewer = count < kept  # never more, also where rounding would take one back
+        rows, kept = rows[fewer], count[fewer]
     return np.clip(W - shift[:, None], 0, 1)
 
 
@@ -234,7 +246,8 @@ def _joint(
     iterations: int,
     progress: bool,
 ) -> np.ndarray:
-    """Weights by the alternating direction method of multipliers."""
+    """Weights by the alternating direction method of multipliers, first of a few vertices, then of all."""
+    from scipy.spatial import cKDTree
     from threadpoolctl import threadpool_limits
     from tqdm import tqdm
 
@@ -245,43 +258,108 @@ def _joint(
     if not len(free) or b == 1:
         return W
     rows = K[free]
-    K, pull, mass = rows[:, free].tocsc(), rows[:, fixed] @ W_fixed, mass[free]
-    steep = K.diagonal()
-    stages = [rho * mass + STEEPEST * steep for rho in MASS_PENALTIES] + [rho * steep for rho in ENERGY_PENALTIES]
-    # Two stages with one penalty share its factors.
-    last = {penalty.tobytes(): stage for stage, penalty in enumerate(stages)}
+    K, pull, mass, steep = rows[:, free].tocsc(), rows[:, fixed] @ W_fixed, mass[free], K.diagonal()[free]
     # Numpy's products release the interpreter lock; more threads in BLAS would only compete.
     with (
         threadpool_limits(1, "blas"),
         ThreadPoolExecutor(os.cpu_count()) as pool,
-        tqdm(total=len(stages) * iterations, desc="weights", unit="it", disable=not progress, delay=2) as bar,
+        tqdm(total=len(PENALTIES) * iterations, desc="weights", unit="it", disable=not progress, delay=2) as bar,
     ):
+        if len(free) <= SMALL:
+            dense = K.toarray()
+            W[free], _ = _dense(dense, mass, pull, _simplex(np.linalg.solve(dense, -pull)), iterations)
+            return W
         dissection = Dissection(K, V[free], pool)
-        softest = stages[int(np.argmin(MASS_PENALTIES))]
-        solvers = {softest.tobytes(): dissection.solver(softest)}
-        Z = _simplex(solvers[softest.tobytes()](-pull))
-        multipliers = np.zeros_like(Z)
-        for stage, penalty in enumerate(stages):
-            key = penalty.tobytes()
-            solve = solvers.pop(key, None) or dissection.solver(penalty)
-            if last[key] > stage:
-                solvers[key] = solve
-            column = penalty[:, None]
-            Y = multipliers / column
-            calm = 0
-            for done in range(iterations):
-                # Over-relaxation by 1.6, Boyd et al., section 3.4.3.
-                relaxed = 1.6 * solve(-(column * (Y - Z) + pull)) - 0.6 * Z
-                Z, before = _simplex(relaxed + Y), Z
-                Y += relaxed - Z
-                bar.update()
-                calm = calm + 1 if np.abs(Z - before).max() < CHANGE else 0
-                if calm == CALM:
-                    bar.total -= iterations - done - 1
-                    break
-            multipliers = Y * column
-    W[free] = Z
+        # Rounded, so that the same mesh in another unit has the same ties.
+        x, x_fixed = np.round(V[free], 8), np.round(V[fixed], 8)
+        few = _spread(x, x_fixed, max(FEW, FEW_PER_BONE * b))
+        _, nearest = cKDTree(x[few]).query(x)
+        share = np.bincount(nearest, mass, len(few))
+        # A penalty on the few alone, taken off again below: without one, rounding would swamp the smooth weights.
+        held = SMALLEST * steep
+        held[few] = STIFFNESS * share
+        solve = dissection.solver(held)
+        X = solve(-pull)
+        # Columns of the inverse; its block is the inverse of the Schur complement.
+        pushed = np.zeros((len(free), len(few)))
+        pushed[few, np.arange(len(few))] = 1
+        response = solve(pushed)
+        del solve, pushed
+        S = np.linalg.inv(response[few])
+        S = (S + S.T) / 2
+        energy, pull_few = S - np.diag(held[few]), -S @ X[few]
+        start = _simplex(np.linalg.solve(energy, -pull_few))
+        Z, multipliers = _dense(energy, share, pull_few, start, iterations)
+        Z = _simplex(X + response @ (S @ (Z - X[few])))
+        multipliers = (mass / share[nearest])[:, None] * multipliers[nearest]
+        dtype = np.float64 if len(free) <= DOUBLE else np.float32
+        Z, multipliers = Z.astype(dtype), multipliers.astype(dtype)
+        for of_mass, of_energy in PENALTIES:
+            penalty = of_mass * mass + of_energy * steep
+            solve = dissection.solver(penalty, dtype)
+            Z, multipliers = _split(K, solve, penalty, pull, Z, multipliers, iterations)
+            bar.update(iterations)
+    W[free] = _simplex(Z.astype(np.float64))
     return W
+
+
+def _dense(
+    K: np.ndarray, mass: np.ndarray, pull: np.ndarray, Z: np.ndarray, iterations: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weights and multipliers by all penalties for few vertices, one after the other."""
+    multipliers = np.zeros_like(Z)
+    for of_mass, of_energy in FEW_PENALTIES:
+        penalty = of_mass * mass + of_energy * K.diagonal()
+        inverse = np.linalg.inv(K + np.diag(penalty))
+        Z, multipliers = _split(K, inverse.__matmul__, penalty, pull, Z, multipliers, iterations)
+    return Z, multipliers
+
+
+def _split(
+    K: sparse.csc_matrix | np.ndarray,
+    solve: Callable[[np.ndarray], np.ndarray],
+    penalty: np.ndarray,
+    pull: np.ndarray,
+    Z: np.ndarray,
+    multipliers: np.ndarray,
+    iterations: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weights Z of little energy 1/2 Z' K Z + Z' pull, and their multipliers, from those given, at one penalty.
+
+    `solve` is the inverse of K + diag(penalty), which need not be accurate: it is used for what is left.
+    """
+    last = Z.shape[1] - 1
+    X, left = Z.copy(), -(K @ Z.astype(np.float64) + multipliers + pull).astype(Z.dtype)
+    column = penalty[:, None].astype(Z.dtype)
+    Y = multipliers / column
+    calm = 0
+    for _ in range(iterations):
+        # Multipliers of a row sum to zero, so weights do to one without a bound, too.
+        X[:, :last] += solve(left[:, :last])
+        X[:, last] = 1 - X[:, :last].sum(axis=1)
+        relaxed = RELAXATION * X + (1 - RELAXATION) * Z
+        Y += relaxed
+        Z, before = _simplex(Y), Z
+        Y -= Z
+        # Of the next right-hand side less the last one.
+        left = column * (2 * Z - before - relaxed)
+        calm = calm + 1 if np.abs(Z - before).max() < CHANGE else 0
+        if calm == CALM:
+            break
+    return Z, Y * column
+
+
+def _spread(V: np.ndarray, V_fixed: np.ndarray, count: int) -> np.ndarray:
+    """Vertices, at most `count`, each of which is farthest from the fixed ones and those before it."""
+    from scipy.spatial import cKDTree
+
+    distance = cKDTree(V_fixed).query(V)[0] ** 2
+    chosen: list[int] = []
+    while len(chosen) < count and distance.max() > 0:
+        chosen.append(int(distance.argmax()))
+        away = V - V[chosen[-1]]
+        distance = np.minimum(distance, np.einsum("ij,ij->i", away, away))
+    return np.array(chosen)
 
 
 def _nearest_rows(V: np.ndarray, used: np.ndarray, W_used: np.ndarray) -> np.ndarray:

@@ -35,6 +35,16 @@ def test_a_dense_solver_finds_the_same(d: int, b: int, rng: np.random.Generator)
     np.testing.assert_array_equal(right, given)
 
 
+def test_single_precision_is_near_where_the_diagonal_is_large(rng: np.random.Generator) -> None:
+    K, V = plate(3)
+    right, penalty = rng.normal(size=(len(V), 5)), 1e-2 * K.diagonal()
+    with ThreadPoolExecutor(1) as pool:
+        found = Dissection(K, V, pool).solver(penalty, np.float32)(right)
+    true = np.linalg.solve(K.toarray() + np.diag(penalty), right)
+    error = np.abs(found - true).max() / np.abs(true).max()
+    assert 1e-9 < error < 1e-4
+
+
 def test_the_factors_stay_sparse() -> None:
     K, V = plate(2)
     with ThreadPoolExecutor(1) as pool:

@@ -132,11 +132,25 @@ def test_facets_that_face_the_wrong_way_are_no_defect(rng: np.random.Generator) 
 def test_a_large_clean_surface_is_decimated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("nilbs.geometry.domain.SURFACE_LIMIT", 300)
     monkeypatch.setattr("nilbs.geometry.domain.DECIMATED", 400)
+    monkeypatch.setattr("nilbs.geometry.domain.FEW_POINTS", 0)
     V, F = ball(20)
     domain = volume_domain(V, F, NOWHERE)
     assert domain.notes == ("the surface is large: weights are solved inside one with 400 triangles",)
     assert domain.surface < 300
     assert assert_sound(domain) == pytest.approx(enclosed_volume(V, F), rel=0.03)
+
+
+def test_few_points_need_fewer_triangles_and_elements(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("nilbs.geometry.domain.SURFACE_LIMIT", 300)
+    monkeypatch.setattr("nilbs.geometry.domain.DECIMATED", 800)
+    monkeypatch.setattr("nilbs.geometry.domain.FEW_POINTS", 3)
+    V, F = ball(20)
+    points = np.array([[0.1, 0.2, 0.0], [0.2, 0.0, -0.3], [-0.3, 0.1, 0.1]])
+    few, many = (volume_domain(V, F, points[:count]) for count in (2, 3))
+    for domain, facets in ((few, 320), (many, 800)):
+        assert domain.notes == (f"the surface is large: weights are solved inside one with {facets} triangles",)
+        assert assert_sound(domain) == pytest.approx(enclosed_volume(V, F), rel=0.06)
+    assert len(few.T) < 0.5 * len(many.T)
 
 
 def test_a_surface_with_a_hole_is_wrapped() -> None:
@@ -160,6 +174,7 @@ def test_two_bodies_that_cross_are_wrapped_into_one() -> None:
 def test_every_fallback(refuse: Callable[[int], list[int]], monkeypatch) -> None:
     monkeypatch.setattr("nilbs.geometry.domain.SURFACE_LIMIT", 10)
     monkeypatch.setattr("nilbs.geometry.domain.DECIMATED", 500)
+    monkeypatch.setattr("nilbs.geometry.domain.FEW_POINTS", 0)
     V, F = ball(20)
     true = enclosed_volume(V, F)
     notes = (

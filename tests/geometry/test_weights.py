@@ -303,6 +303,25 @@ def test_wrong_arguments_are_refused(changes: dict, message: str) -> None:
         bounded_biharmonic_weights(**given)
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_few_vertices_first_and_single_precision_find_nearly_the_same(d: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    V, T, fixed, W_fixed = bar(d)
+    W = bounded_biharmonic_weights(V, T, fixed, W_fixed)
+    for name, value in {"SMALL": 0, "FEW": 60, "DOUBLE": 0}.items():
+        monkeypatch.setattr(f"nilbs.geometry.weights.{name}", value)
+    again = bounded_biharmonic_weights(V, T, fixed, W_fixed)
+    assert_on_the_simplex(again)
+    assert biharmonic_energy(V, T, again) == pytest.approx(biharmonic_energy(V, T, W), rel=1e-3)
+    assert 0 < np.abs(again - W).mean() < 0.003
+
+
+def test_a_projection_that_rounding_could_repeat_for_ever_ends(rng: np.random.Generator) -> None:
+    # Entries at exactly the amount that is subtracted.
+    W = rng.dirichlet(np.ones(3), 20000)
+    W = np.concatenate([W, np.zeros((len(W), 5))], axis=1) - rng.uniform(size=(len(W), 1))
+    assert_on_the_simplex(simplex_projection(W))
+
+
 def test_the_nearest_point_of_a_simplex(rng: np.random.Generator) -> None:
     W = 2 * rng.normal(size=(200, 4))
     projected = simplex_projection(W)
