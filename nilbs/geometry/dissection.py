@@ -8,8 +8,8 @@ import numpy as np
 from scipy import sparse
 
 LEAF = 160  # unknowns of a part that is not cut further
-# Right-hand sides that one thread solves for at once.
-COLUMNS = 32
+# Right-hand sides that one thread solves for at once; there are two such parts at least.
+COLUMNS = 96
 
 
 class Front(NamedTuple):
@@ -100,7 +100,7 @@ class Dissection:
 
         def solve(right: np.ndarray) -> np.ndarray:
             scaled_right = right[self.order].astype(dtype, copy=False) * scale[:, None].astype(dtype)
-            parts = np.array_split(scaled_right, -(-right.shape[1] // COLUMNS), axis=1)
+            parts = np.array_split(scaled_right, max(2, -(-right.shape[1] // COLUMNS)), axis=1)
             found = list(self.pool.map(lambda part: self._solution(factors, part), parts))
             solution = np.empty_like(right)
             solution[self.order] = np.concatenate(found, axis=1) * scale[:, None].astype(dtype)
