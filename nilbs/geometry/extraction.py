@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.ndimage import binary_dilation
 
 from nilbs.geometry.grids import Grid, cell_corners
 from nilbs.geometry.level_sets import isosurface
@@ -79,6 +78,9 @@ def node_levels(
     levels[...] = level[nodes]
     near = _any_corner(level < 0) & _any_corner(level >= 0)
     if distance is None:
+        # Loading this takes longer than solving the weights of a small mesh.
+        from scipy.ndimage import binary_dilation
+
         near = binary_dilation(near, np.ones((3,) * near.ndim))
     else:
         near |= _any_corner(np.abs(distance).reshape(level.shape) < MARGIN * stride * grid.spacing * np.sqrt(near.ndim))
