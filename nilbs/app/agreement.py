@@ -8,6 +8,7 @@ from nilbs.app.descriptions import mesh_of, outline
 from nilbs.characters.character import in_dimension
 from nilbs.geometry.bone_names import matching_bones
 from nilbs.geometry.facets import seamless
+from nilbs.geometry.nearest_names import nearest_name
 from nilbs.geometry.orientation import coherent_orientation
 from nilbs.geometry.rig_diagnosis import rig_report, tips
 from nilbs.geometry.rig_weights import check_rig_fits
@@ -71,7 +72,10 @@ def _motion_of_rig(motion: LocalMotion | np.ndarray | None, rig: Skeleton) -> li
     b = len(rig.BE)
     if isinstance(motion, LocalMotion):
         unknown = [name for name in motion.names if name not in rig.names]
-        return [f"the rig has no bone {unknown[0]!r}; its {b} bones are {listed(rig.names)}"] if unknown else []
+        if not unknown:
+            return []
+        meant = nearest_name(unknown[0], rig.names)
+        return [f"the rig has no bone {unknown[0]!r}{meant}; its {b} bones are {listed(rig.names)}"]
     if motion is None or motion.shape[1] == b:
         return []
     return [f"a motion of {motion.shape[1]} bones, but the rig has {b}"]

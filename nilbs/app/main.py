@@ -9,6 +9,7 @@ from contextlib import suppress
 from importlib import import_module
 
 import nilbs
+from nilbs.app.parser import Parser
 
 # A command's file is imported when the command is called, and imports heavy libraries when it runs: --help is instant.
 COMMANDS = {
@@ -96,7 +97,7 @@ def with_axes(words: Sequence[str]) -> list[str]:
 
 def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
     """The parser of all commands, with the options of the one that is called."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="nilbs",
         description="Neural inverse linear blend skinning: is a posed point inside, and how far from the surface?",
     )

@@ -1,10 +1,8 @@
 """Clips of files as motions of the skeleton of a character."""
 
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import SequenceMatcher
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,7 @@ import numpy as np
 from nilbs.characters.report import Detail, Report
 from nilbs.geometry.curves import Curves
 from nilbs.geometry.kinematics import bone_order, forward_kinematics
+from nilbs.geometry.nearest_names import alike_names, nearest_name
 from nilbs.geometry.plane import transforms_in_plane
 from nilbs.geometry.reference_pose import ReferencePose, reference_pose
 from nilbs.geometry.retargeting import followed_bones, guess_bone_map, retarget
@@ -59,7 +58,6 @@ class Retargeting:
 
 
 FPS = 24  # frames a second of a motion without times
-_LIKE = 0.6  # of `_likeness`: names that may be meant
 _SAME_PLACE = 1e-4  # of the skeleton's size: joints that are nearer are the same
 
 
@@ -159,11 +157,8 @@ def clips_named(clips: Sequence[Clip], name: str | None) -> tuple[Clip, ...]:
     if name is not None and len(meant) != 1:
         if meant:
             raise FileFormatError(files, f"{len(meant)} motions have {name!r} in their names: {_quoted(meant)}")
-        near = {other: _likeness(name, other) for other in names}
-        best = max(near, key=lambda other: near[other])
-        nearest = f" (the nearest: {best!r})" if near[best] > _LIKE else ""
-        ranked = sorted(names, key=lambda other: near[other] < _LIKE or -near[other])
-        raise FileFormatError(files, f"there is no motion {name!r}, but {_quoted(ranked)}{nearest}")
+        ranked = list(dict.fromkeys([*alike_names(name, names), *names]))
+        raise FileFormatError(files, f"there is no motion {name!r}, but {_quoted(ranked)}{nearest_name(name, names)}")
     named = [clip for clip in clips if clip.name in meant]
     chosen = tuple(clip for clip in named if len(clip.B))
     if not chosen:
@@ -182,12 +177,6 @@ def _names_meant(name: str, names: Sequence[str]) -> list[str]:
     low = name.casefold()
     same, alike = ([other for other in names if found(other)] for found in (name.__eq__, lambda o: o.casefold() == low))
     return same or alike or [other for other in names if low in other.casefold()]
-
-
-def _likeness(name: str, other: str) -> float:
-    """How alike a name is to another or to a word of it, from 0 to 1."""
-    words = [other, *re.split(r"[\W_]+", other)]
-    return max(SequenceMatcher(None, name.casefold(), word.casefold()).ratio() for word in words)
 
 
 def _quoted(names: Sequence[str]) -> str:

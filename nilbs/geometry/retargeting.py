@@ -7,6 +7,7 @@ import numpy as np
 
 from nilbs.geometry.bone_names import matching_bones
 from nilbs.geometry.kinematics import bone_order, forward_kinematics
+from nilbs.geometry.nearest_names import nearest_name
 from nilbs.geometry.reference_pose import ReferencePose, reference_pose, up_and_forward
 from nilbs.geometry.rotations import nearest_rotations, rotation_vectors, transform_points
 from nilbs.geometry.skeleton import Skeleton
@@ -208,9 +209,11 @@ def followed_bones(source: Skeleton, target: Skeleton, bone_map: Mapping[str, st
     own = {name: bone for bone, name in enumerate(target.names)}
     for name, led in bone_map.items():
         if name not in own:
-            raise ValueError(f"the bone map names {name!r}, but the character has no such bone")
+            meant = nearest_name(name, own)
+            raise ValueError(f"the bone map names {name!r}, but the character has no such bone{meant}")
         if led is not None and led not in numbers:
-            raise ValueError(f"the bone map lets {name!r} follow {led!r}, but the motion has no such bone")
+            meant = nearest_name(led, numbers)
+            raise ValueError(f"the bone map lets {name!r} follow {led!r}, but the motion has no such bone{meant}")
         follows[own[name]] = -1 if led is None else numbers[led]
     if (follows < 0).all():
         raise ValueError("no bone of the character follows a bone of the motion")

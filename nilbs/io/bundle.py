@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nilbs.geometry.curves import PosesOverTime
+from nilbs.geometry.nearest_names import nearest_name
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.io.errors import FileFormatError
 from nilbs.io.motion import LocalMotion
@@ -46,7 +47,8 @@ def select_group(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndar
     """
     if name not in mesh.groups:
         known = ", ".join(map(repr, mesh.groups)) or "none"
-        raise ValueError(f"the mesh has no group {name!r}; its groups are: {known}")
+        meant = nearest_name(name, mesh.groups)
+        raise ValueError(f"the mesh has no group {name!r}{meant}; its groups are: {known}")
     kept, E = np.unique(mesh.E[mesh.groups[name]], return_inverse=True)
     return mesh.V[kept], E.reshape(-1, mesh.E.shape[1]).astype(np.int64), kept
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nilbs.geometry.nearest_names import nearest_name
 from nilbs.geometry.validation import arrays
 from nilbs.io.atomic import replacing
 from nilbs.io.dmat import read_dmat, write_dmat
@@ -171,7 +172,8 @@ def read_motion_json(path: str | os.PathLike, names: Sequence[str] | None = None
             if name == _TIME:
                 continue
             if name != _ROOT and name not in bones:
-                raise FileFormatError(path, f"frame {t}: the rig has no bone {name[:80]!r}")
+                meant = nearest_name(name, [*bones, _ROOT, _TIME])
+                raise FileFormatError(path, f"frame {t}: the rig has no bone {name[:80]!r}{meant}")
             wrong = filled.put_root(t, value) if name == _ROOT else filled.put(t, bones[name], value)
             if wrong:
                 raise FileFormatError(path, f"frame {t}, {name[:80]}: {wrong}")

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 
+from nilbs.geometry.nearest_names import nearest_name
 from nilbs.geometry.skeleton import Skeleton
 from nilbs.geometry.validation import arrays, listed
 from nilbs.io.atomic import replacing
@@ -92,7 +93,8 @@ def read_rignet(path: str | os.PathLike) -> Bundle:
         raise FileFormatError(path, "the rig has no joint")
     for name, line_number in zip(named, named_in, strict=True):
         if name not in joints:
-            raise FileFormatError(path, f"the file has no joint {_quoted(name)}", line_number)
+            meant = nearest_name(text_of(name), map(text_of, joints))
+            raise FileFormatError(path, f"the file has no joint {_quoted(name)}{meant}", line_number)
     P = np.array([joints[hier[name][0]] if name in hier else -1 for name in joints])
     circle = joint_in_circle(P)
     if circle is not None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_type_hints
 
+from nilbs.geometry.nearest_names import nearest_name
+
 if TYPE_CHECKING:
     import numpy as np
     from torch import Tensor
@@ -92,7 +94,8 @@ class Method:
             if s.kind in (int, float) and not (math.isfinite(value) and s.least <= value <= s.most):
                 raise ValueError(f"{s.name} must lie between {s.least:g} and {s.most:g}, got {value!r}")
             if s.choices and value not in s.choices:
-                raise ValueError(f"{s.name} must be one of {', '.join(s.choices)}, got {value!r}")
+                meant = nearest_name(str(value), s.choices)
+                raise ValueError(f"{s.name} must be one of {', '.join(s.choices)}, got {value!r}{meant}")
         if not hasattr(self, "name"):
             raise ValueError(f"the method {type(self).__qualname__} needs a name")
 
@@ -130,7 +133,10 @@ class Method:
         """
         known = {f.name for f in fields(cls)}
         if unknown := sorted(set(values) - known):
-            raise ValueError(f"the method {cls.name} has no setting {unknown[0]!r}; it has {', '.join(sorted(known))}")
+            meant = nearest_name(unknown[0], sorted(known))
+            raise ValueError(
+                f"the method {cls.name} has no setting {unknown[0]!r}{meant}; it has {', '.join(sorted(known))}"
+            )
         return cls(**values)
 
     def resolved(self, character: "Character") -> Self:
@@ -170,7 +176,8 @@ class Method:
         """Raise ValueError if the method has no such mapping; None stands for the default."""
         if mapping is not None and mapping not in self.mappings:
             choice = f"its mappings are {', '.join(self.mappings)}" if self.mappings else "it has no choice of them"
-            raise ValueError(f"the method {self.name} has no mapping {mapping!r}; {choice}")
+            meant = nearest_name(mapping, self.mappings)
+            raise ValueError(f"the method {self.name} has no mapping {mapping!r}{meant}; {choice}")
 
     def check_state(self, character: "Character", state: "Mapping[str, np.ndarray]", rest: "RestState") -> None:
         """Check that arrays that a file held are those of a field of these settings: its parameters and grids.

@@ -8,6 +8,7 @@ from importlib.metadata import entry_points
 from typing import Any
 
 import nilbs.methods
+from nilbs.geometry.nearest_names import nearest_name
 from nilbs.methods.base import REGISTERED, Method
 
 
@@ -62,8 +63,9 @@ def method_class(name: str) -> type[Method]:
     """
     known = all_methods()
     if name not in known:
+        meant = nearest_name(name, known)
         raise ValueError(
-            f"there is no method {name!r}; known are {', '.join(known)} (one of your own must be imported first)"
+            f"there is no method {name!r}{meant}; known are {', '.join(known)} (one of your own must be imported first)"
         )
     return known[name]
 

@@ -15,6 +15,7 @@ from nilbs.geometry.distance import signed_distance
 from nilbs.geometry.grids import Grid
 from nilbs.geometry.kinematics import forward_kinematics, random_rotations
 from nilbs.geometry.metrics import HIGHER_IS_BETTER, intersection_over_union, surface_scores
+from nilbs.geometry.nearest_names import nearest_name
 from nilbs.geometry.sampling import near_surface_samples, uniform_samples
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.methods.base import NOISE
@@ -183,10 +184,11 @@ def evaluate(
 def _check_scores(model: Model, rows: Sequence[str], ious: Sequence[str], *, distances: bool) -> None:
     own = model.method.mappings
     for name in rows:
-        if name not in {"floor", *own, *untrained()}:
+        known = ["floor", *untrained(), *own]
+        if name not in known:
             raise ValueError(
-                f"{name!r} is no row of a model of the method {model.method.name}; rows are "
-                f"{', '.join(['floor', *untrained(), *own])}"
+                f"{name!r} is no row of a model of the method {model.method.name}{nearest_name(name, known)}; rows are "
+                f"{', '.join(known)}"
             )
     if distances and (not own or set(rows) - {"floor", *own}):
         raise ValueError("distances are compared for the methods nilbs and paper and their own rows only")
@@ -230,7 +232,8 @@ def _angle_std(name: str) -> float:
     except ValueError:
         std = -1.0
     if not 0 <= std < 100:
-        raise ValueError(f"{name!r} is none of {', '.join(POSE_SETS)} and no 'random S' with S in radians")
+        meant = nearest_name(name, POSE_SETS)
+        raise ValueError(f"{name!r} is none of {', '.join(POSE_SETS)} and no 'random S' with S in radians{meant}")
     return std
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from tqdm import tqdm
 
+from nilbs.geometry.nearest_names import nearest_name
 from nilbs.models.model import Model, load_model
 from nilbs.race.child import Child, Died
 from nilbs.race.contestants import Kind, all_kinds, missing, version
@@ -108,7 +109,9 @@ def _chosen(names: Sequence[str]) -> dict[str, Kind]:
     kinds = all_kinds()
     for name in names:
         if name not in kinds:
-            raise ValueError(f"there is no contestant {name!r}; there are {', '.join(kinds)}")
+            raise ValueError(
+                f"there is no contestant {name!r}{nearest_name(name, kinds)}; there are {', '.join(kinds)}"
+            )
     return {name: kind for name, kind in kinds.items() if not names or name in (ENGINE, *names)}
 
 
