@@ -6,8 +6,9 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
-import tqdm
 from sphinx_gallery.scrapers import figure_rst
+
+from nilbs.geometry import progress
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 OUT = EXAMPLES.parent / "out"
@@ -24,6 +25,6 @@ def written_pictures(block: tuple[Any, ...], block_vars: dict[str, Any], gallery
 
 def prepare(gallery_conf: dict[str, Any], name: str | None) -> None:
     """Define `__file__` for an example, which the gallery runs without one, and switch progress bars off."""
-    tqdm.tqdm = lambda *args, **options: tqdm.std.tqdm(*args, **options | {"disable": True})
+    progress.SHOWN = False
     if name is not None:  # None is a folder
         builtins.__file__ = str(EXAMPLES / Path(name).name)  # type: ignore[attr-defined]

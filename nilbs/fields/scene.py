@@ -56,10 +56,10 @@ class Scene:
 
     def labelled_points(self, n: int, *, noise: float) -> OccupancySamples:
         """N labelled points of each frame, drawn in the world as scores draw them; noise in L, 0 for uniform ones."""
-        from tqdm import tqdm
+        from nilbs.geometry.progress import progress_bar
 
         c = self.character
-        frames = tqdm(self.motion.B, desc="labelling", unit="frame", disable=not self.progress, delay=2)
+        frames = progress_bar(self.motion.B, desc="labelling", unit="frame", shown=self.progress)
         n = max(1, min(n, MOST_LABELLED // len(self.motion)))
         samples = occupancy_samples(c.V, c.F, c.W, frames, n=n, noise=noise * c.L or None, rng=self.rng)
         x_unit = self.frame.points(torch.from_numpy(samples.x)).numpy()

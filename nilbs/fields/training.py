@@ -76,7 +76,7 @@ def train(
     ValueError
         If the state does not fit the module.
     """
-    from tqdm import tqdm
+    from nilbs.geometry.progress import progress_bar
 
     parameters = dict(module.named_parameters())
     optimizers = _optimizers(parameters, learning_rate)
@@ -89,7 +89,7 @@ def train(
     saved_at = captured_at = monotonic()
     step = first
     latest: TrainingState | None = None
-    with tqdm(total=steps, initial=first, desc="training", unit="step", disable=not progress, delay=2) as bar:
+    with progress_bar(total=steps, initial=first, desc="training", unit="step", shown=progress) as bar:
         try:
             while step < steps:
                 for optimizer in optimizers:

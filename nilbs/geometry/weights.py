@@ -246,7 +246,8 @@ def _joint(
     """Weights by the alternating direction method of multipliers, first of a few vertices, then of all."""
     from scipy.spatial import cKDTree
     from threadpoolctl import threadpool_limits
-    from tqdm import tqdm
+
+    from nilbs.geometry.progress import progress_bar
 
     n, b = K.shape[0], W_fixed.shape[1]
     W = np.ones((n, b))
@@ -260,7 +261,7 @@ def _joint(
     with (
         threadpool_limits(1, "blas"),
         ThreadPoolExecutor(os.cpu_count()) as pool,
-        tqdm(total=len(PENALTIES) * iterations, desc="weights", unit="it", disable=not progress, delay=2) as bar,
+        progress_bar(total=len(PENALTIES) * iterations, desc="weights", unit="it", shown=progress) as bar,
     ):
         if len(free) <= SMALL:
             dense = K.toarray()

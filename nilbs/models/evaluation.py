@@ -125,7 +125,7 @@ def evaluate(
     >>> scores.values["poses"]["seen"]["iou_bbox"]["mean"]
     1.0
     """
-    from tqdm import tqdm
+    from nilbs.geometry.progress import progress_bar
 
     if points < 1 or resolution == 1 or resolution < 0 or not noise >= 0:
         raise ValueError(
@@ -139,7 +139,7 @@ def evaluate(
     controls: list[dict[str, dict[str, float]]] = []
     seconds = dict.fromkeys(predictors, 0.0)
     total = sum(len(B) for B in frames.values())
-    with tqdm(total=total, desc="scoring", unit="pose", disable=not progress, delay=2) as bar:
+    with progress_bar(total=total, desc="scoring", unit="pose", shown=progress) as bar:
         for name, B in frames.items():
             for k, pose in enumerate(B):
                 stream = [seed, _STREAM, _pose_stream(name), k]

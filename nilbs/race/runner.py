@@ -8,9 +8,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from tqdm import tqdm
-
 from nilbs.geometry.nearest_names import nearest_name
+from nilbs.geometry.progress import progress_bar
 from nilbs.models.model import Model, load_model
 from nilbs.race.child import Child, Died
 from nilbs.race.contestants import Kind, all_kinds, missing, version
@@ -84,7 +83,7 @@ def race(
     cells = plan(triangles)
     total = sum(cell.cost(triangles) for cell in cells)
     run = _Run(path, seed, limit, start + 60 * minutes, triangles, results)
-    with tqdm(total=total, desc="measuring", disable=not progress, bar_format=_BAR) as bar:
+    with progress_bar(total=total, desc="measuring", shown=progress, form=_BAR) as bar:
         try:
             run.kinds = _present(kinds, model, results)
             for cell in cells:
@@ -221,7 +220,7 @@ class _Run:
         self.close()
         threads = max((cell.threads for cell in cells), default=1)
         wanted = list(dict.fromkeys((r["contestant"], r["quantity"], r["level"]) for r in rows))
-        for name, quantity, level in tqdm(wanted, desc="memory", disable=not progress, bar_format=_BAR):
+        for name, quantity, level in progress_bar(wanted, desc="memory", shown=progress, form=_BAR):
             if monotonic() > self.end:
                 return
             same = [r for r in rows if (r["contestant"], r["quantity"], r["level"]) == (name, quantity, level)]

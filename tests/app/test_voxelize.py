@@ -1,6 +1,9 @@
+import sys
+
 import numpy as np
 import pytest
 
+from nilbs.geometry import progress
 from nilbs.models.model import load_model
 
 
@@ -49,3 +52,13 @@ def test_a_spacing_puts_nodes_on_its_multiples(assets, succeeds, tmp_path):
 def test_mistakes(assets, fails, tmp_path, words, message):
     assert message in fails("voxelize", assets / "bar3.nilbs", "--frame", 0, *words, "-o", tmp_path / "g.npz")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_in_a_file_has_lines_and_no_carriage_return(assets, succeeds, tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "SECONDS", 0.0)
+    with (tmp_path / "log.txt").open("w") as log:
+        monkeypatch.setattr(sys, "stderr", log)
+        succeeds("voxelize", assets / "bar2.nilbs", "--frame", 1, "--resolution", 20, "-o", tmp_path / "grid.npz")
+    text = (tmp_path / "log.txt").read_bytes()
+    assert text.splitlines()[-1].startswith(b"voxels: 100 %, ")
+    assert b"\r" not in text

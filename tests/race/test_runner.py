@@ -103,7 +103,7 @@ def test_an_interrupt_leaves_what_is_done(saved, monkeypatch):
 def test_mistakes_are_refused(saved):
     with pytest.raises(ValueError, match="flat"):
         race(saved[2], cells({}))
-    with pytest.raises(ValueError, match="no contestant 'igl'; there are nilbs, "):
+    with pytest.raises(ValueError, match=r"no contestant 'igl' \(the nearest: 'libigl'\); there are nilbs, "):
         race(saved[3], cells({}), contestants=["igl"])
 
 

@@ -41,10 +41,10 @@ def run(args: argparse.Namespace) -> None:
     from pathlib import Path
 
     import numpy as np
-    from tqdm import tqdm
 
     from nilbs.app.output import show
     from nilbs.app.poses import check_motion_options, motion_of_file
+    from nilbs.geometry.progress import progress_bar
     from nilbs.io import check_suffix, check_writable, write_mesh
     from nilbs.models.model import load_model
 
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
         check_writable(name)
 
     def surfaces():  # type: ignore[no-untyped-def]
-        for seconds in tqdm(times, desc="frames", unit="frame", delay=2):
+        for seconds in progress_bar(times, desc="frames", unit="frame"):
             pose = motion.at(seconds=float(seconds))
             yield tuple(model.extract(pose, args.resolution)) if args.field else (model.skinning.posed(pose), c.F)
 

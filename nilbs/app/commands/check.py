@@ -50,12 +50,12 @@ def run(args: argparse.Namespace) -> None:
     from pathlib import Path
 
     import numpy as np
-    from tqdm import tqdm
 
     from nilbs.app.output import show
     from nilbs.app.poses import check_motion_options, motion_of_file
     from nilbs.contacts.self_contacts import SelfContactFinder
     from nilbs.contacts.timeline import pair_timeline, self_timeline, table
+    from nilbs.geometry.progress import progress_bar
     from nilbs.io import check_writable
     from nilbs.models.model import load_model
 
@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> None:
     motion = model.motion if args.motion is None else motion_of_file(args, model.character.skeleton)
     finder = SelfContactFinder(model, samples=args.points, apart=args.apart / 100, steps=args.steps)
     total = len(motion) * (1 + len(others))
-    with tqdm(total=total, desc="contacts", unit="frame", delay=2) as bar:
+    with progress_bar(total=total, desc="contacts", unit="frame") as bar:
         timelines = [self_timeline(finder, motion, step=bar.update)]
         for path, other in others.items():
             name = Path(path).stem

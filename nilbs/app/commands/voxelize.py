@@ -38,11 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Evaluate, write and report."""
     import numpy as np
-    from tqdm import tqdm
 
     from nilbs.app.output import show
     from nilbs.app.poses import chosen_pose
     from nilbs.geometry.grids import Grid
+    from nilbs.geometry.progress import progress_bar
     from nilbs.io import check_suffix, check_writable, write_npz
     from nilbs.models.model import load_model
 
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
         raise ValueError(f"--resolution {args.resolution} makes {grid.size:.3g} nodes, more than {MOST:.3g}")
     values = np.empty(grid.size, dtype=np.uint8 if args.quantity == "occupancy" else np.float32)
     inside = 0
-    with tqdm(total=grid.size, desc="voxels", unit="node", unit_scale=True, delay=2) as bar:
+    with progress_bar(total=grid.size, desc="voxels", unit="node", unit_scale=True) as bar:
         for part, x in grid.chunks(CHUNK):
             found = posed.occupancy(x) > 0.5 if args.quantity == "occupancy" else posed.posed_distance(x)
             values[part] = found
