@@ -26,6 +26,7 @@ COMMANDS = {
     "evaluate": "score a model against the skinned mesh",
     "check": "find where a moving character meets itself or others, and how deep",
     "benchmark": "time a model beside libraries that query the skinned mesh",
+    "completion": "print a shell's script that completes commands, options and files by the Tab key",
 }
 # Names on the package index that differ from the module's.
 _PACKAGES = {"igl": "libigl", "skimage": "scikit-image", "imageio_ffmpeg": "imageio-ffmpeg"}
@@ -47,6 +48,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = with_axes(sys.argv[1:] if argv is None else argv)
 
     def run() -> None:
+        if "_ARGCOMPLETE" in os.environ:  # set by the script of `nilbs completion` while a shell completes a line
+            import argcomplete
+
+            argcomplete.autocomplete(parser_of(os.environ["COMP_LINE"].split()))
         args = parser_of(words).parse_args(words)
         args.run(args)
 

@@ -22,6 +22,11 @@ def show(values: Mapping[str, Any], *, as_json: bool, table: str | None = None) 
         text = json.dumps(plain(values), allow_nan=False)
     else:
         text = rows(values) if table is None else table
+    write_text(text)
+
+
+def write_text(text: str) -> None:
+    """Print a text on standard output; an error names it."""
     try:
         print(text, flush=True)
     except OSError as error:
