@@ -24,6 +24,8 @@ from nilbs.geometry.volume import boundary_facets, element_volumes
 from nilbs.geometry.weights import extend_weights
 
 if TYPE_CHECKING:
+    import open3d
+    import pyvista
     import trimesh
 
 # The arrays that make a character, and those of its skeleton.
@@ -133,8 +135,31 @@ class Character:
             Its vertices are `V`, or `skin(pose)`, in this order; nothing is merged. In the plane: the triangles `T` of
             the volume, with z = 0.
         """
+        return self._surface(pose).to_trimesh()  # type: ignore[return-value]
+
+    def to_open3d(self, pose: np.ndarray | None = None) -> "open3d.geometry.TriangleMesh":
+        """The mesh at rest or in a pose, as Open3D has it: the vertices and triangles of `to_trimesh`.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            If Open3D is not installed.
+        """
+        return self._surface(pose).to_open3d()
+
+    def to_pyvista(self, pose: np.ndarray | None = None) -> "pyvista.PolyData":
+        """The mesh at rest or in a pose, as PyVista has it: the vertices and triangles of `to_trimesh`.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            If PyVista is not installed.
+        """
+        return self._surface(pose).to_pyvista()
+
+    def _surface(self, pose: np.ndarray | None) -> Surface:
         V, W, F = (self.V, self.W, self.F) if self.d == 3 else (self.V_volume, self.W_volume, self.T)
-        return Surface(V if pose is None else linear_blend_skinning(V, W, pose), F).to_trimesh()  # type: ignore[return-value]
+        return Surface(V if pose is None else linear_blend_skinning(V, W, pose), F)
 
 
 @overload
