@@ -62,3 +62,29 @@ def test_progress_in_a_file_has_lines_and_no_carriage_return(assets, succeeds, t
     text = (tmp_path / "log.txt").read_bytes()
     assert text.splitlines()[-1].startswith(b"voxels: 100 %, ")
     assert b"\r" not in text
+
+
+@pytest.mark.parametrize("quantity", ["occupancy", "distance"])
+def test_a_volume_holds_the_values_of_the_arrays(assets, succeeds, tmp_path, quantity):
+    tinyvdb = pytest.importorskip("tinyvdb")
+    for name in ("grid.npz", "grid.vdb"):
+        words = ["--frame", 1, "--quantity", quantity, "--resolution", 20, "-o", tmp_path / name]
+        succeeds("voxelize", assets / "bar3.nilbs", *words)
+    with np.load(tmp_path / "grid.npz") as file:
+        values, origin, spacing = file["values"].astype(np.float32), file["origin"], float(file["spacing"])
+    file = tinyvdb.open(str(tmp_path / "grid.vdb"))
+    file.read_grids()
+    grid = file.grid(0)
+    assert (grid.name, grid.metadata["frame"], grid.metadata["spacing"]) == (quantity, 1, spacing)
+    np.testing.assert_array_equal(grid.transform["translation"], origin)
+    assert grid.float_background() == (0 if quantity == "occupancy" else values.max())
+    found = np.full(values.shape, grid.float_background(), np.float32)
+    sparse = grid.to_sparse()
+    places = np.frombuffer(sparse["coords"], np.int32).reshape(-1, 3)
+    found[tuple(places.T)] = np.frombuffer(sparse["values"], np.float32)
+    np.testing.assert_array_equal(found, values)
+
+
+def test_a_flat_model_has_no_volume(assets, fails, tmp_path):
+    line = fails("voxelize", assets / "bar2.nilbs", "--frame", 1, "-o", tmp_path / "grid.vdb")
+    assert line.endswith("this model is flat, and .vdb holds volumes in space: choose .npz")

@@ -3,6 +3,7 @@
 `make FOLDER` writes NAME.glb and NAME.npz for every character: Blender's own evaluated vertices of all meshes, in the
 world with +Y up, at rest (n, 3) and at every frame (t, n, 3), and the frames' times in seconds.
 `open FILE OUT` imports FILE and writes the same for it, at the frames of its animation.
+`volume FOLDER` writes volume.npz: values and place of the grid in a.vdb, as OpenVDB reads it.
 """
 
 import math
@@ -206,6 +207,18 @@ def open_(file: Path, out: Path) -> None:
     np.savez(out, **posed(range(first, last + 1)))
 
 
+def volume(folder: Path) -> None:
+    """Read a.vdb with Blender's OpenVDB and write what it holds to volume.npz."""
+    sys.path.append(str(Path(bpy.utils.resource_path("LOCAL")) / "python/lib/python3.11/site-packages"))
+    import openvdb
+
+    (grid,) = openvdb.readAll(str(folder / "a.vdb"))[0]
+    values = np.zeros((130, 9, 17), dtype=np.float32)
+    grid.copyToArray(values)
+    first, spacing = grid.transform.indexToWorld((0, 0, 0)), grid.transform.voxelSize()
+    np.savez(folder / "volume.npz", values=values, first=first, spacing=spacing, frame=grid["frame"])
+
+
 if __name__ == "__main__":
     command, *paths = sys.argv[1:]
-    {"make": make, "open": open_}[command](*map(Path, paths))
+    {"make": make, "open": open_, "volume": volume}[command](*map(Path, paths))

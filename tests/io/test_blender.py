@@ -18,6 +18,7 @@ from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.io.bundle import Bundle, Clip, Influences, Mesh
 from nilbs.io.gltf import read_gltf
 from nilbs.io.gltf_writer import write_gltf
+from nilbs.io.vdb import write_vdb
 
 SCRIPT = Path(__file__).with_name("blender_characters.py")
 NAMES = ["dancer", "stretcher", "rider"]
@@ -110,3 +111,16 @@ def test_what_nilbs_writes_moves_the_same_in_blender(blender, tmp_path, stretch)
     error = compare(parts, np.load(tmp_path / "opened.npz"))
     print(f"stretched {stretch}: {error:.1e} of the size")
     assert error < 1e-4
+
+
+def test_openvdb_reads_the_volumes_that_nilbs_writes(blender, tmp_path, rng):
+    values = np.where(rng.random((130, 9, 17)) < 0.3, rng.normal(size=(130, 9, 17)), 0).astype(np.float32)
+    write_vdb(
+        tmp_path / "a.vdb", values, origin=[1, 2, -3], spacing=0.25, name="a", background=0, metadata={"frame": 3}
+    )
+    blender("volume", tmp_path)
+    with np.load(tmp_path / "volume.npz") as found:
+        np.testing.assert_array_equal(found["values"], values)
+        np.testing.assert_array_equal(found["first"], [1, 2, -3])
+        np.testing.assert_array_equal(found["spacing"], [0.25] * 3)
+        assert found["frame"] == 3

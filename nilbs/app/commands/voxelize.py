@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         required=True,
         help="arrays to write, .npz: values of the nodes, whose first index is x; origin, the first node, and spacing, "
-        "in mesh units",
+        "in mesh units; or a volume in space, .vdb (OpenVDB)",
     )
     add_json(parser)
 
@@ -44,11 +44,14 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.geometry.grids import Grid
     from nilbs.geometry.progress import progress_bar
     from nilbs.io import check_suffix, check_writable, write_npz
+    from nilbs.io.vdb import write_vdb
     from nilbs.models.model import load_model
 
-    check_suffix(args.output, ".npz")
+    suffix = check_suffix(args.output, ".npz", ".vdb")
     check_writable(args.output)
     model = load_model(args.model)
+    if suffix == ".vdb" and model.character.d == 2:
+        raise ValueError(f"{args.output}: this model is flat, and .vdb holds volumes in space: choose .npz")
     posed = model.posed(chosen_pose(model, args))
     grid = Grid.box(posed.U, args.resolution)
     if args.spacing is not None:
@@ -67,8 +70,17 @@ def run(args: argparse.Namespace) -> None:
             values[part] = found
             inside += int(np.count_nonzero(found if args.quantity == "occupancy" else found < 0))
             bar.update(len(x))
-    arrays = {"values": values.reshape(grid.shape), "origin": grid.origin, "spacing": np.array(grid.spacing)}
-    write_npz(args.output, arrays)
+    A = values.reshape(grid.shape)
+    if suffix == ".npz":
+        write_npz(args.output, {"values": A, "origin": grid.origin, "spacing": np.array(grid.spacing)})
+    else:
+        level_set = args.quantity == "distance"
+        about = {"spacing": grid.spacing, "unit": "mesh units", "character": model.character.name, "creator": "nilbs"}
+        about |= {"frame": args.frame} if args.time is None else {"time": args.time}
+        write_vdb(
+            args.output, A, origin=grid.origin, spacing=grid.spacing, name=args.quantity,
+            background=float(A.max()) if level_set else 0.0, metadata=about, level_set=level_set,
+        )  # fmt: skip
     report = {
         "nodes": " x ".join(map(str, grid.shape)),
         "spacing": grid.spacing,
