@@ -1,7 +1,7 @@
 """OpenVDB's `.vdb` files: one grid of single precision numbers, as a tree of blocks without those that are empty.
 
-The layout is that of version 224 of the format [1]_: leaves of 8^3 voxels, below nodes of 16^3 leaves, below nodes of 32^3
-of these. A block of values holds the active ones only, and zlib shortens it.
+The layout is that of version 224 of the format [1]_: leaves of 8^3 voxels, below nodes of 16^3 leaves, below nodes of
+32^3 of these. A block of values holds the active ones only, and zlib shortens it.
 
 References
 ----------

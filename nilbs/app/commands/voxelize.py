@@ -75,7 +75,8 @@ def run(args: argparse.Namespace) -> None:
         write_npz(args.output, {"values": A, "origin": grid.origin, "spacing": np.array(grid.spacing)})
     else:
         level_set = args.quantity == "distance"
-        about = {"spacing": grid.spacing, "unit": "mesh units", "character": model.character.name, "creator": "nilbs"}
+        about: dict[str, str | int | float] = {"spacing": grid.spacing, "unit": "mesh units"}
+        about |= {"character": model.character.name, "creator": "nilbs"}
         about |= {"frame": args.frame} if args.time is None else {"time": args.time}
         write_vdb(
             args.output, A, origin=grid.origin, spacing=grid.spacing, name=args.quantity,
