@@ -19,7 +19,11 @@ def check(folder: Path) -> None:
         sys.exit(f"{wheel}: it must hold nilbs/ alone, and holds {sorted(tops)}")
     with tarfile.open(sdist) as archive:
         source = {name.partition("/")[2] for name in archive.getnames()}
-    needed = {name for name in source if name.startswith("nilbs/") and name.endswith((".py", ".pyi", "py.typed"))}
+    needed = {
+        name
+        for name in source
+        if name.startswith("nilbs/") and name.endswith((".py", ".pyi", "py.typed", ".html", ".css", ".js"))
+    }
     if not {"nilbs/__init__.pyi", "nilbs/py.typed"} <= needed or needed - set(names):
         sys.exit(f"{wheel}: it lacks {sorted((needed | {'nilbs/__init__.pyi', 'nilbs/py.typed'}) - set(names))}")
     if not {"LICENSE", "README.md", "pyproject.toml"} <= source:

@@ -59,7 +59,8 @@ ALLOWED = {
     "contacts": {"geometry", "characters", "engine", "models"},
     "figures": {"geometry", "io", "characters", "methods", "models", "contacts"},
     "race": {"geometry", "io", "characters", "engine", "fields", "methods", "models"},
-    "app": {"geometry", "io", "characters", "methods", "models", "contacts", "figures", "race"},
+    "reports": {"geometry", "io", "characters", "models", "figures", "race"},
+    "app": {"geometry", "io", "characters", "methods", "models", "contacts", "figures", "race", "reports"},
 }
 PACKAGE = Path(nilbs.__file__).parent
 

@@ -28,8 +28,9 @@ __all__ = [
 
 
 def figure_files(model: "Model") -> list[str]:
-    """Names of the files that `write_figures` writes; weights and ghost bone need a weight network."""
-    network, trained = "inverse" in model.method.mappings, len(model.history) > 0
+    """Names of the files that `write_figures` writes; weights and ghost bone need a trained weight network."""
+    network = "inverse" in model.method.mappings and bool(model.parameters)
+    trained = len(model.history) > 0
     shown = {"notation": True, "weights": network, "ghost": network, "training": trained, "reconstruction": True}
     return [f"{name}.png" for name, there in shown.items() if there]
 

@@ -29,6 +29,7 @@ def test_files_and_output(assets, nilbs, tmp_path):
     with open(tmp_path / "out" / "benchmark.csv") as file:
         assert len(list(csv.DictReader(file))) == 4
     assert (tmp_path / "out" / "benchmark.txt").read_text() == out
+    assert "<td" in (tmp_path / "out" / "report.html").read_text()
     assert (tmp_path / "out" / "occupancy-1-thread.png").read_bytes().startswith(b"\x89PNG")
 
 

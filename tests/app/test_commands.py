@@ -397,12 +397,12 @@ def test_extract_a_frame_of_the_training_motion(assets, nilbs, out):
 
 def test_evaluate(assets, succeeds, nilbs, out, d, monkeypatch):
     drawn = []
-    monkeypatch.setattr("nilbs.figures.write_figures", lambda model, folder, **options: drawn.append(folder))
+    monkeypatch.setattr("nilbs.figures.write_figures", lambda model, folder, **options: drawn.append(folder) or [])
     options = ("--points", 200, "--resolution", 8, "--seed", 3)
     scores = succeeds("evaluate", assets / f"bar{d}.nilbs", *options, "--out", out / "deep" / "er")
     assert (scores["schema"], scores["points"], scores["resolution"], scores["seed"]) == (1, 200, 8, 3)
     assert {"seen", "interpolated", "unseen", "far"} == scores["poses"].keys()
-    assert sorted(os.listdir(out / "deep" / "er")) == ["scores.json", "scores.txt"]
+    assert sorted(os.listdir(out / "deep" / "er")) == ["report.html", "scores.json", "scores.txt", "worst.png"]
     assert drawn == [str(out / "deep" / "er")]
     status, text, _ = nilbs("evaluate", assets / f"bar{d}.nilbs", *options)
     assert status == 0

@@ -8,7 +8,7 @@ from matplotlib.image import imread
 from nilbs.characters.character import Character
 from nilbs.characters.gingerbread import gingerbread
 from nilbs.characters.motion import random_motion
-from nilbs.figures import ghost_figure, reconstruction_figure, write_figures
+from nilbs.figures import figure_files, ghost_figure, reconstruction_figure, write_figures
 from nilbs.figures.canvas import FALSE_INSIDE, FALSE_OUTSIDE
 from nilbs.figures.training import running_median
 from nilbs.geometry.skeleton import Skeleton
@@ -42,6 +42,7 @@ class Truth:
         self.motion = random_motion(self.character, frames=4, seed=1)
         self.history = np.exp(-np.arange(200) / 50)
         self.method = Nilbs()
+        self.parameters = {"of a network": np.zeros(1)}
 
     def posed(self, pose: np.ndarray) -> np.ndarray:
         return linear_blend_skinning(self.character.V, self.character.W, pose)
@@ -83,6 +84,12 @@ def test_all_figures_are_written_in_order(d, tmp_path):
         image = imread(path)
         assert min(image.shape[:2]) > 300
         assert image[..., :3].std() > 0.05
+
+
+def test_a_model_without_a_network_has_no_figures_of_one():
+    model = Truth(2)
+    model.parameters = {}
+    assert figure_files(model) == [name for name in NAMES if name not in ("weights.png", "ghost.png")]
 
 
 def test_figures_without_data_are_not_drawn(tmp_path):

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from nilbs.race.results import Results
 
-FILES = ("benchmark.json", "benchmark.csv", "benchmark.txt")
+FILES = ("benchmark.json", "benchmark.csv", "benchmark.txt", "report.html")
 
 EXAMPLE = "nilbs benchmark hero.nilbs --quick -o bench"
 
@@ -19,7 +19,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("model", metavar="MODEL", help="a trained model in space, .nilbs")
     parser.add_argument(
-        "-o", "--out", metavar="FOLDER", help="also write benchmark.json, benchmark.csv, benchmark.txt and plots here"
+        "-o",
+        "--out",
+        metavar="FOLDER",
+        help="also write benchmark.json, benchmark.csv, benchmark.txt, plots and report.html, a page of all, here",
     )
     extent = parser.add_mutually_exclusive_group()
     extent.add_argument(
@@ -87,7 +90,7 @@ def run(args: argparse.Namespace) -> None:
     )
     text = table(results)
     if folder is not None:
-        _write(results, text, folder)
+        _write(results, text, folder, args.model)
     show(results.values(), as_json=args.json, table=text)
     if results.interrupted:
         interrupt = KeyboardInterrupt()
@@ -95,12 +98,14 @@ def run(args: argparse.Namespace) -> None:
         raise interrupt
 
 
-def _write(results: "Results", text: str, folder: "Path") -> None:
+def _write(results: "Results", text: str, folder: "Path", model: str) -> None:
     import json
 
     from nilbs.figures.race import race_figures
     from nilbs.io.atomic import replacing
     from nilbs.io.strict_json import plain
+    from nilbs.models.model import load_model
+    from nilbs.reports.benchmark import write_benchmark_page
 
     values = plain(results.values())
     with replacing(folder / "benchmark.json", "w") as file:
@@ -108,4 +113,5 @@ def _write(results: "Results", text: str, folder: "Path") -> None:
     results.write_csv(folder / "benchmark.csv")
     with replacing(folder / "benchmark.txt", "w") as file:
         file.write(text + "\n")
-    race_figures(values, folder)
+    pictures = race_figures(values, folder)
+    write_benchmark_page(folder, load_model(model).character, values, pictures=pictures)

@@ -11,7 +11,9 @@ EXAMPLE = "nilbs evaluate hero.nilbs --out scores"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
-    parser.add_argument("--out", metavar="DIR", help="also write scores.json, scores.txt and pictures here")
+    parser.add_argument(
+        "--out", metavar="DIR", help="also write scores.json, scores.txt, pictures and report.html, a page of all, here"
+    )
     rows = {"floor": "the true mesh's own distance on the same grid"}
     for kind in all_methods().values():
         rows |= kind.mappings if kind.trained else {kind.name: kind.summary}
@@ -42,10 +44,11 @@ def run(args: argparse.Namespace) -> None:
     model = load_model(args.model, device=args.device)
     if args.out is not None:
         from nilbs.figures import figure_files, write_figures
+        from nilbs.reports.evaluation import FILES, write_evaluation_page
 
         # Before the work: what would fail only after it.
         Path(args.out).mkdir(parents=True, exist_ok=True)
-        for name in (*SCORE_FILES, *figure_files(model)):
+        for name in (*SCORE_FILES, *FILES, *figure_files(model)):
             check_writable(Path(args.out) / name)
 
     from nilbs.models.evaluation import evaluate
@@ -55,5 +58,6 @@ def run(args: argparse.Namespace) -> None:
     )
     if args.out is not None:
         write_scores(scores, Path(args.out))
-        write_figures(model, args.out, resolution=args.resolution)
+        pictures = write_figures(model, args.out, resolution=args.resolution)
+        write_evaluation_page(args.out, model, scores.values, pictures=pictures, resolution=args.resolution)
     show(scores.values, as_json=args.json, table=str(scores))
