@@ -13,7 +13,7 @@ BLENDER ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/nilbs/bpy-$(BPY)
 # The model that `make bench` times.
 BENCH := out/bench/$(if $(NILBS_DATA),elephant,gingerbread).nilbs
 
-.PHONY: help demo test test-gpu lint docs format study bench blender bpy wheel clean
+.PHONY: help demo test test-gpu lint docs format study bench blender bpy notebook wheel clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -66,6 +66,9 @@ bpy:
 	$(BLENDER)/bin/python -m pip install --quiet --disable-pip-version-check bpy==$(BPY)
 	$(BLENDER)/bin/python -c "import bpy"
 
+notebook: $(VENV)/.ready-notebook ## run examples/notebook in a fresh kernel; its results are in out/gingerbread.ipynb
+	$(BIN)/python examples/notebook/run.py
+
 wheel: $(VENV)/.ready-test ## build the wheel and the sdist in out/dist, and use the wheel in a bare environment, without torch
 	rm -rf out/dist out/bare
 	$(BIN)/python -m build --outdir out/dist
@@ -76,8 +79,8 @@ wheel: $(VENV)/.ready-test ## build the wheel and the sdist in out/dist, and use
 clean: ## remove the environment and what programs wrote
 	rm -rf $(VENV) out
 
-# An environment: .ready for programs; others with what the tests, the documentation or the benchmark need too.
-$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-docs $(VENV)/.ready-bench: pyproject.toml constraints.txt
+# An environment: .ready for programs; others with what the tests, the documentation, the benchmark or the notebook need too.
+$(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-docs $(VENV)/.ready-bench $(VENV)/.ready-notebook: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "nilbs needs Python 3.11 or newer; name one with PYTHON=..."; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python $(PIP) -e '.[torch$(patsubst .ready-%,$(COMMA)%,$(filter .ready-%,$(notdir $@)))]'
