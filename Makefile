@@ -58,8 +58,8 @@ out/bench/gingerbread.nilbs: | $(VENV)/.ready-bench
 	mkdir -p $(@D)
 	$(BIN)/nilbs train examples/assets/cookie.obj examples/assets/gingerbread.tgf -o $@
 
-blender: bpy $(VENV)/.ready-test ## compare with Blender; its package bpy is installed in $XDG_CACHE_HOME/nilbs on first use
-	OMP_NUM_THREADS=1 NILBS_BPY=$(BLENDER)/bin/python $(BIN)/python -m pytest tests/io/test_blender.py
+blender: bpy $(VENV)/.ready-test ## compare with Blender, and run the example for it; its package bpy is installed in $XDG_CACHE_HOME/nilbs on first use
+	OMP_NUM_THREADS=1 NILBS_BPY=$(BLENDER)/bin/python $(BIN)/python -m pytest tests/io/test_blender.py tests/examples/test_blender_script.py
 
 bpy:
 	test -x $(BLENDER)/bin/python || $(PYTHON) -m venv $(BLENDER)
