@@ -28,7 +28,7 @@
       void main() { // the eye is 4 radii away, and sees what is 2 to 6 away
         place = turn * (position - centre) * lens.x; paint = colour;
         float depth = 4.0 - place.z;
-        gl_Position = vec4(3.4 * lens.y * place.xy * min(vec2(1.0 / lens.z, lens.z), 1.0), 2.0 * depth - 6.0, depth);
+        gl_Position = vec4(3.8 * lens.y * place.xy * min(vec2(1.0 / lens.z, lens.z), 1.0), 2.0 * depth - 6.0, depth);
       }`],
     [gl.FRAGMENT_SHADER, `#version 300 es
       precision highp float; in vec3 place; in vec4 paint; out vec4 found;
@@ -109,6 +109,7 @@
     draw();
   });
   canvas.addEventListener("wheel", (event) => {
+    if (document.activeElement !== canvas) return; // the wheel scrolls the page until the scene is clicked
     event.preventDefault();
     zoom = Math.max(0.2, Math.min(20, zoom * Math.exp(-event.deltaY * 0.001)));
     draw();
