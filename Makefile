@@ -13,7 +13,7 @@ BLENDER ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/nilbs/bpy-$(BPY)
 # The model that `make bench` times.
 BENCH := out/bench/$(if $(NILBS_DATA),elephant,gingerbread).nilbs
 
-.PHONY: help demo test test-gpu lint docs format study bench blender bpy notebook wheel clean
+.PHONY: help demo test test-gpu test-browser lint docs format study bench blender bpy notebook wheel clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
@@ -27,6 +27,10 @@ test: lint ## lint, types and all tests; geometry and io must be covered (UNIT=1
 test-gpu: $(VENV)/.ready-test ## the search on a GPU, or where there is none its code interpreted; installs Triton (200 MB, Linux)
 	$(BIN)/python $(PIP) triton
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/fields/test_gpu_search.py tests/race/test_contestants.py
+
+test-browser: $(VENV)/.ready-test ## the page of nilbs view in Chromium without a screen; needs chromium and chromium-driver
+	$(BIN)/python $(PIP) selenium
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/viewer/test_browser.py
 
 lint: $(VENV)/.ready-test ## ruff and mypy
 	$(BIN)/ruff check .
@@ -83,5 +87,5 @@ clean: ## remove the environment and what programs wrote
 $(VENV)/.ready $(VENV)/.ready-test $(VENV)/.ready-docs $(VENV)/.ready-bench $(VENV)/.ready-notebook: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "nilbs needs Python 3.11 or newer; name one with PYTHON=..."; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python $(PIP) -e '.[torch$(patsubst .ready-%,$(COMMA)%,$(filter .ready-%,$(notdir $@)))]'
+	$(BIN)/python $(PIP) -e '.[torch,view$(patsubst .ready-%,$(COMMA)%,$(filter .ready-%,$(notdir $@)))]'
 	@touch $@

@@ -60,7 +60,8 @@ ALLOWED = {
     "figures": {"geometry", "io", "characters", "methods", "models", "contacts"},
     "race": {"geometry", "io", "characters", "engine", "fields", "methods", "models"},
     "reports": {"geometry", "io", "characters", "models", "figures", "race"},
-    "app": {"geometry", "io", "characters", "methods", "models", "contacts", "figures", "race", "reports"},
+    "viewer": {"geometry", "io", "characters", "engine", "methods", "models", "contacts", "figures"},
+    "app": {"geometry", "io", "characters", "methods", "models", "contacts", "figures", "race", "reports", "viewer"},
 }
 PACKAGE = Path(nilbs.__file__).parent
 

@@ -23,6 +23,7 @@ COMMANDS = {
     "voxelize": "evaluate occupancy or signed distance on a regular grid in a pose",
     "render": "write depth, normals and canonical coordinates of a picture in a pose",
     "animate": "write a motion as a film or as a sequence of meshes",
+    "view": "pose characters in the browser, and see their fields",
     "evaluate": "score a model against the skinned mesh",
     "check": "find where a moving character meets itself or others, and how deep",
     "benchmark": "time a model beside libraries that query the skinned mesh",
@@ -30,6 +31,7 @@ COMMANDS = {
 }
 # Names on the package index that differ from the module's.
 _PACKAGES = {"igl": "libigl", "skimage": "scikit-image", "imageio_ffmpeg": "imageio-ffmpeg"}
+_PACKAGES |= {"viser": "'nilbs-geometry[view]'"}
 _INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 
 
