@@ -31,7 +31,7 @@ COMMANDS = {
 }
 # Names on the package index that differ from the module's.
 _PACKAGES = {"igl": "libigl", "skimage": "scikit-image", "imageio_ffmpeg": "imageio-ffmpeg"}
-_PACKAGES |= {"viser": "'nilbs-geometry[view]'"}
+_PACKAGES |= {"viser": "'nilbs-geometry[view]'"}  # its extra, which states the version
 _INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 
 

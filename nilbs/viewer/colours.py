@@ -40,6 +40,31 @@ class Scale(NamedTuple):
         )
 
 
+def linear(colours: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) of a screen as glTF has them at vertices: shares of light, both from 0 to 255.
+
+    Examples
+    --------
+    >>> linear(np.array([[0, 128, 255]])).tolist()
+    [[0, 55, 255]]
+    """
+    share = np.asarray(colours) / 255
+    light = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return np.round(255 * light).astype(np.uint8)
+
+
+def rounded_up(value: float) -> float:
+    """The next 1, 2 or 5 times a power of ten, at least a thousandth: the end of a scale.
+
+    Examples
+    --------
+    >>> rounded_up(0.03), rounded_up(1.2), rounded_up(0.0)
+    (0.05, 2.0, 0.001)
+    """
+    steps = [m * 10.0**k for k in range(-3, 3) for m in (1, 2, 5)]
+    return next((round(step, 3) for step in steps if step >= value), 1000.0)
+
+
 OCCUPANCY = Scale("viridis", 0.0, 1.0, "occupancy")
 DISTANCE = Scale("RdBu", -0.1, 0.1, "distance, in L")
 GHOST = Scale("magma", 0.0, 1.0, "weight of the ghost bone")

@@ -17,7 +17,7 @@ from nilbs.viewer.panels.surface import ReconstructedSurface
 from nilbs.viewer.panels.weights import Weights
 from nilbs.viewer.state import Scene
 
-FAR = 1.6  # of the camera from the first body, in L
+FAR = 1.35  # of the camera from the first body, in L
 
 
 class Page:
@@ -75,14 +75,13 @@ class Page:
         """End the threads and the server."""
         self.scene.stop()
         for thread in self._threads:
-            thread.join()
+            thread.join(timeout=5.0)  # compiling the engine takes longer
         server.stop(self.server)
 
     def _look(self) -> None:
         """The first look of who opens the page."""
-        around = self.stage.view.turned() if self.scene.d == 3 else self.stage.view
         camera, middle = self.server.initial_camera, np.zeros(3)
         self.server.scene.set_up_direction(tuple(self.stage.view.axes[1]))
-        camera.position, camera.look_at = middle + FAR * around.axes[2], middle
+        camera.position, camera.look_at = middle + FAR * self.stage.look.axes[2], middle
         camera.up = self.stage.view.axes[1]
         self.server.scene.configure_default_lights(cast_shadow=False)

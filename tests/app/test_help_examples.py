@@ -24,6 +24,7 @@ SHORTER = {
     "extract": ["--resolution", "8"],
     "animate": ["--pixels", "32"],
     "render": ["--pixels", "32"],
+    "view": ["--port", "0", "--seconds", "0.1"],
 }
 
 
@@ -49,6 +50,8 @@ def folder(assets, bar, tmp_path, monkeypatch):
 def test_an_example_runs(folder, nilbs, command):
     if command == "completion":
         pytest.importorskip("argcomplete")
+    if command == "view":
+        pytest.importorskip("viser", reason="viser is not installed: pip install 'nilbs-geometry[view]'")
     program, name, *words = shlex.split(import_module(f"nilbs.app.commands.{command}").EXAMPLE)
     assert (program, name) == ("nilbs", command)
     status, out, error = nilbs(command, *words, *SHORTER.get(command, []))

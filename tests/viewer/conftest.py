@@ -40,7 +40,7 @@ def pages() -> Iterator[Callable]:
 @pytest.fixture
 def clients() -> Iterator[Callable]:
     """Clients of pages; they hang up with the test."""
-    from .page import Client
+    from benchmarks.viewer_client import Client
 
     opened = []
 

@@ -9,10 +9,9 @@ pytest.importorskip("viser", reason="viser is not installed: pip install 'nilbs-
 
 from websockets.exceptions import InvalidStatus
 
+from benchmarks.viewer_client import vertices
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.viewer.posing import turned
-
-from .page import vertices
 
 
 @pytest.mark.parametrize("d", [2, 3])

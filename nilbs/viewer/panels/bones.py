@@ -52,7 +52,7 @@ class Bones:
             ends, places = scene.frame.place(segments(skeleton, pose)), scene.frame.place(joints(skeleton, pose))
             view = stage.server.scene
             self._lines.append(
-                view.add_line_segments(f"/bones/{i}/lines", ends, colors=LINE, thickness=2.0, thickness_units="screen")
+                view.add_line_segments(f"/bones/{i}/lines", ends, colors=LINE, thickness=3.0, thickness_units="screen")
             )
             turns = np.tile([1.0, 0, 0, 0], (len(places), 1))
             balls = view.add_batched_meshes_simple(

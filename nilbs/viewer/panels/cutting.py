@@ -54,6 +54,7 @@ class Cutting:
             self._remove()
             self.note.show()
             return
+        self.note.wait()
         quantity, body = self.quantity.value, self.stage.selected
         self.cut = cut(body.posed(shot.poses[self.stage.body], self.row.value), section, quantity)
         scale = QUANTITIES[quantity]

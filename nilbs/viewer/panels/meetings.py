@@ -33,6 +33,8 @@ class Contacts:
 
     def draw(self, shot: Shot) -> None:
         """Find and show them."""
+        if self.pairs.value or self.themselves.value:
+            self.note.wait()
         found: dict[str, Places] = {}
         if self.pairs.value:
             found |= self.meetings.pairs(shot.poses)

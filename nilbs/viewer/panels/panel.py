@@ -10,6 +10,7 @@ import viser
 
 from nilbs.figures.views import View
 from nilbs.geometry.surface import Surface
+from nilbs.viewer.colours import linear
 from nilbs.viewer.state import Body, Scene
 
 # Colours of bodies, the first as in every figure.
@@ -24,8 +25,8 @@ class Stage:
     ----------
     body, bone : int
         The selected body and bone.
-    view : View
-        From where the first body is seen first.
+    view, look : View
+        The first body's front, and from where it is seen first.
     """
 
     scene: Scene
@@ -36,6 +37,7 @@ class Stage:
     def __post_init__(self) -> None:
         V = self.scene.bodies[0].character.V
         self.view = View.front(np.column_stack([V, np.zeros(len(V))]) if V.shape[1] == 2 else V)
+        self.look = self.view.turned() if self.scene.d == 3 else self.view
 
     @property
     def selected(self) -> Body:
@@ -61,7 +63,7 @@ class Stage:
     def coloured(self, name: str, U: np.ndarray, F: np.ndarray, colours: np.ndarray) -> viser.GlbHandle:
         """Draw triangles of the world whose vertices have colours (n, 3)."""
         mesh: Any = Surface(self.scene.frame.place(U), F).to_trimesh()
-        mesh.visual.vertex_colors = colours
+        mesh.visual.vertex_colors = linear(colours)
         return self.server.scene.add_mesh_trimesh(name, mesh)
 
     def note(self) -> "Note":
@@ -79,6 +81,11 @@ class Note:
 
     def __init__(self, handle: viser.GuiHtmlHandle) -> None:
         self._handle = handle
+
+    def wait(self) -> None:
+        """State that the first answer is on its way: the engine may have to be compiled before."""
+        if not self._handle.content:
+            self.show("computing ...")
 
     def show(self, *lines: str, bar: str = "") -> None:
         """Show lines, and the bar of a scale below them."""

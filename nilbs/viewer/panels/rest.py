@@ -33,10 +33,10 @@ class Rest:
 
     @property
     def aside(self) -> np.ndarray:
-        """Where on the page the rest pose stands: to the right of the scene, seen from the front."""
-        right = self.stage.view.axes[0]
+        """Where on the page the rest pose stands: to the left of the scene, for who has just opened it."""
+        left = -self.stage.look.axes[0]
         body, frame = self.stage.scene.bodies[0], self.stage.scene.frame
-        return right * (0.35 + float(np.ptp(frame.place(body.character.V) @ right)))
+        return left * (0.35 + float(np.ptp(frame.place(body.character.V) @ left)))
 
     def _listen(self) -> None:
         view = self.stage.server.scene
@@ -87,6 +87,7 @@ class Rest:
         if self.x is None:
             self.note.show(*(["click on the skin or on the cutting plane"] if self.picking.value else []))
             return
+        self.note.wait()
         found = roots(body.posed(shot.poses[self.stage.body], self.row.value), self.x)
         here = frame.place(found.x[None])
         self._drawn.append(view.add_point_cloud("/picked/posed", here, POINT, point_size=0.02, point_shape="circle"))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from nilbs.viewer.colours import ERROR
+from nilbs.viewer.colours import ERROR, Scale, rounded_up
 from nilbs.viewer.panels.panel import Stage
 from nilbs.viewer.reconstruction import Reconstruction, reconstruction
 from nilbs.viewer.state import Shot
@@ -36,6 +36,7 @@ class ReconstructedSurface:
             self._remove()
             self.note.show()
             return
+        self.note.wait()
         start = perf_counter()
         bodies = self.stage.scene.bodies
         found = [
@@ -43,17 +44,18 @@ class ReconstructedSurface:
             for body, pose in zip(bodies, shot.poses, strict=True)
         ]
         seconds = perf_counter() - start
+        error = np.concatenate([one.error for one in found])
+        scale = ERROR._replace(high=rounded_up(100 * float(np.percentile(error, 99)))) if len(error) else ERROR
         with self.stage.server.atomic():
             self._remove()
-            self._drawn = [self._show(f"/surface/{i}", one) for i, one in enumerate(found) if len(one.F)]
+            self._drawn = [self._show(f"/surface/{i}", one, scale) for i, one in enumerate(found) if len(one.F)]
         self.found = found
-        error = np.concatenate([one.error for one in found])
         worst = f"distance to the skin: {100 * error.mean():.3f} % of L, at most {100 * error.max():.2f} %"
         lines = [f"{sum(len(one.F) for one in found)} facets in {seconds:.2f} s", worst] if len(error) else ["empty"]
-        self.note.show(*lines, bar=ERROR.bar())
+        self.note.show(*lines, bar=scale.bar())
 
-    def _show(self, name: str, one: Reconstruction) -> Any:
-        colours = ERROR(100 * one.error)
+    def _show(self, name: str, one: Reconstruction, scale: Scale) -> Any:
+        colours = scale(100 * one.error)
         if one.F.shape[1] == 3:
             return self.stage.coloured(name, one.U, one.F, colours)
         ends = self.stage.scene.frame.place(one.U[one.F])
