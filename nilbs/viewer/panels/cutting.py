@@ -65,14 +65,23 @@ class Cutting:
         R = np.stack([axes[0], -axes[1], -axes[2]], axis=1)
         position = place(section.centre) - (0.002 * axes[2] if len(section.centre) == 2 else 0.0)
         edge = section.edge / self.stage.scene.frame.L
-        with self.stage.server.atomic():
-            if self.image is None:
-                self.image = self.stage.server.scene.add_image(
-                    "/plane", picture, edge, edge, format="png", cast_shadow=False, receive_shadow=False
-                )
-            self.image.image = picture
-            self.image.render_width = self.image.render_height = edge
-            self.image.wxyz, self.image.position = transforms.SO3.from_matrix(R).wxyz, position
+        # Under a new name: the page may lose a picture that replaces another of its name.
+        before, self.image = (
+            self.image,
+            self.stage.server.scene.add_image(
+                f"/plane/{shot.version}",
+                picture,
+                edge,
+                edge,
+                format="png",
+                wxyz=transforms.SO3.from_matrix(R).wxyz,
+                position=position,
+                cast_shadow=False,
+                receive_shadow=False,
+            ),
+        )
+        if before is not None:
+            before.remove()
         low, high = np.nanmin(self.cut.values), np.nanmax(self.cut.values)
         self.note.show(f"{quantity} of {body.name}: from {low:.3g} to {high:.3g}", bar=scale.bar())
 
