@@ -1,11 +1,12 @@
 """Bounded biharmonic weights: every bone at once, every row on the simplex."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from scipy import sparse
+from tqdm import tqdm
 
 from nilbs.geometry.acceleration import Anderson
 from nilbs.geometry.dissection import Dissection
@@ -292,11 +293,11 @@ def _joint(
         multipliers = (mass / share[nearest])[:, None] * multipliers[nearest]
         dtype = np.float64 if len(free) <= DOUBLE else np.float32
         Z, multipliers = Z.astype(dtype), multipliers.astype(dtype)
-        for of_mass, of_energy in PENALTIES:
+        for stage, (of_mass, of_energy) in enumerate(PENALTIES, 1):
             penalty = of_mass * mass + of_energy * steep
             solve = dissection.solver(penalty, dtype)
-            Z, multipliers = _split(K, solve, penalty, pull, Z, multipliers, iterations, MEMORY)
-            bar.update(iterations)
+            Z, multipliers = _split(K, solve, penalty, pull, Z, multipliers, _counted(iterations, bar), MEMORY)
+            bar.update(stage * iterations - bar.n)
     W[free] = _simplex(Z.astype(np.float64))
     return W
 
@@ -310,7 +311,7 @@ def _dense(
         penalty = of_mass * mass + of_energy * K.diagonal()
         inverse = np.linalg.inv(K + np.diag(penalty))
         # No guess here: it would enlarge what rounding does to a few vertices, and save little.
-        Z, multipliers = _split(K, inverse.__matmul__, penalty, pull, Z, multipliers, 2 * iterations, 0)
+        Z, multipliers = _split(K, inverse.__matmul__, penalty, pull, Z, multipliers, range(2 * iterations), 0)
     return Z, multipliers
 
 
@@ -321,19 +322,20 @@ def _split(
     pull: np.ndarray,
     Z: np.ndarray,
     multipliers: np.ndarray,
-    iterations: int,
+    steps: Iterable[object],
     memory: int,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weights Z of little energy 1/2 Z' K Z + Z' pull, and their multipliers, from those given, at one penalty.
 
-    `solve` is the inverse of K + diag(penalty), which need not be accurate: it is used for what is left.
+    There are as many steps as `steps` has items, or fewer. `solve` is the inverse of K + diag(penalty), which need not
+    be accurate: it is used for what is left.
     """
     last = Z.shape[1] - 1
     X, left = Z.copy(), -(K @ Z.astype(np.float64) + multipliers + pull).astype(Z.dtype)
     column = penalty[:, None].astype(Z.dtype)
     Y = multipliers / column
     state, following = Z + Y, Anderson(np.sqrt(column / column.max()), memory)
-    for _ in range(iterations):
+    for _ in steps:
         # Multipliers of a row sum to zero, so weights do to one without a bound, too.
         X[:, :last] += solve(left[:, :last])
         X[:, last] = 1 - X[:, :last].sum(axis=1)
@@ -346,6 +348,12 @@ def _split(
         if following.largest < CHANGE:
             break
     return Z, Y * column
+
+
+def _counted(iterations: int, bar: tqdm) -> Iterator[None]:
+    for _ in range(iterations):
+        yield
+        bar.update()
 
 
 def _spread(V: np.ndarray, V_fixed: np.ndarray, count: int) -> np.ndarray:
