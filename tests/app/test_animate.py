@@ -1,4 +1,7 @@
+import json
+import subprocess
 from dataclasses import replace
+from shutil import which
 
 import numpy as np
 import pytest
@@ -21,6 +24,16 @@ def test_a_film(assets, succeeds, tmp_path, d):
     # The body is on white, and not cut off.
     assert (first[[0, -1]] > 250).all()
     assert (first < 250).any()
+
+
+@pytest.mark.skipif(which("ffprobe") is None, reason="ffprobe is not installed")
+def test_another_program_reads_a_film(assets, succeeds, tmp_path):
+    path = tmp_path / "walk.mp4"
+    found = succeeds("animate", assets / "bar3.nilbs", "--fps", 12, "--pixels", 64, "-o", path)
+    words = "ffprobe -v error -count_frames -select_streams v -show_streams -of json".split()
+    (stream,) = json.loads(subprocess.run([*words, path], check=True, capture_output=True).stdout)["streams"]
+    assert (stream["width"], stream["height"], stream["r_frame_rate"]) == (64, 64, "12/1")
+    assert int(stream["nb_read_frames"]) == found["frames"]
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl"])
