@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -33,3 +34,28 @@ def test_every_option_has_a_help_text(name: str) -> None:
     actions = commands.choices[name]._actions
     assert len(actions) > 1
     assert all(action.help for action in actions)
+
+
+def commands_in_docs() -> list[tuple[str, str]]:
+    """Every line that is a command of nilbs, with the page that it is on."""
+    found = []
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        text = page.read_text().replace("\\\n", " ")
+        for line in re.findall(rf"^ *(?:.venv/bin/)?nilbs ((?:{'|'.join(COMMANDS)}) .*)", text, re.MULTILINE):
+            found.append((page.name, re.split(r"&&| >", line)[0]))
+    return found
+
+
+@pytest.mark.parametrize(("page", "line"), commands_in_docs())
+def test_commands_in_the_docs_are_understood(page: str, line: str) -> None:
+    words = shlex.split(line, comments=True)
+    parser_of(words[:1]).parse_args(words)  # leaves with an error otherwise
+
+
+def test_the_docs_hold_commands() -> None:
+    assert {page for page, _ in commands_in_docs()} >= {
+        "README.md",
+        "viewer.md",
+        "contacts.md",
+        "your_own_character.md",
+    }
