@@ -30,7 +30,7 @@ def test_a_film(assets, succeeds, tmp_path, d):
 def test_another_program_reads_a_film(assets, succeeds, tmp_path):
     path = tmp_path / "walk.mp4"
     found = succeeds("animate", assets / "bar3.nilbs", "--fps", 12, "--pixels", 64, "-o", path)
-    words = "ffprobe -v error -count_frames -select_streams v -show_streams -of json".split()
+    words = ["ffprobe", "-v", "error", "-count_frames", "-select_streams", "v", "-show_streams", "-of", "json"]
     (stream,) = json.loads(subprocess.run([*words, path], check=True, capture_output=True).stdout)["streams"]
     assert (stream["width"], stream["height"], stream["r_frame_rate"]) == (64, 64, "12/1")
     assert int(stream["nb_read_frames"]) == found["frames"]
