@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 # Programs: run by Blender's own Python, and before the tests.
-collect_ignore = ["io/blender_characters.py", "compile_engine.py"]
+collect_ignore = ["io/blender_characters.py", "examples/blender_scene.py", "compile_engine.py"]
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -53,7 +53,7 @@ class Guard:
         --------
         >>> guard = Guard("127.0.0.1", None)
         >>> guard.refusal("/", {"Host": "localhost:8080", "Origin": "http://elsewhere.org"})
-        "a page of http://elsewhere.org may not use this one"
+        'a page of http://elsewhere.org may not use this one'
         >>> guard.refusal("/", {"Host": "localhost:8080"})
         """
         lower = {name.lower(): value for name, value in headers.items()}
