@@ -88,7 +88,7 @@ def write_dmat(path: str | os.PathLike, A: np.ndarray) -> None:
     with replacing(path, "w") as file:
         file.write(f"{A.shape[1]} {A.shape[0]}\n")
         for column in A.T:
-            file.writelines(f"{value}\n" for value in column.tolist())
+            file.write("\n".join([*map(repr, column.tolist()), ""]))
 
 
 def _header(path: str | os.PathLike, data: bytes, start: int, line: int) -> tuple[int, int, int]:
