@@ -9,7 +9,8 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from nilbs.contacts.pairs import Skin, skin_places
-from nilbs.contacts.penetration import penetration
+from nilbs.contacts.penetration import Penetration, penetration
+from nilbs.contacts.self_contacts import SelfContactFinder
 from nilbs.engine.closest_search import ClosestPoints
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ def penetration_depth(model: "Model", x: Tensor, pose: Tensor) -> Tensor:
         As for all queries of `Model`.
     """
     precision = torch.promote_types(x.dtype, pose.dtype)
-    depth: Tensor = _Depth.apply(model, *(tensor.to("cpu", torch.float64) for tensor in (x, pose)))
+    depth: Tensor = _Depth.apply(model, *(tensor.to("cpu", torch.float64) for tensor in (x, pose)), False)
     return depth.to(precision)
 
 
@@ -59,6 +60,36 @@ def contact_loss(
     return penetration_loss(b, skin_a(pose_a), pose_b) + penetration_loss(a, skin_b(pose_b), pose_a)
 
 
+def self_contact_loss(model: "Model", pose: Tensor, *, finder: SelfContactFinder | None = None) -> Tensor:
+    """Mean squared depth of where a body meets itself, over points of its volume; zero where it does not.
+
+    Parameters
+    ----------
+    model : Model
+    pose : (b, d+1, d+1) tensor
+        Bone transforms, rest to posed.
+    finder : SelfContactFinder, optional
+        Of the model. Made once, it serves any number of calls; by default one is made, which takes a second.
+
+    Returns
+    -------
+    loss : () tensor
+        In the pose's precision, with first derivatives by the pose: of each point in contact those of its distance to
+        the closest place on the skin, both of which move with the pose. Which points are in contact is constant.
+
+    Raises
+    ------
+    ValueError
+        If the model has no compiled search, or as for all queries.
+    """
+    finder = finder or SelfContactFinder(model)
+    found = finder(pose.detach().to("cpu", torch.float64).numpy())
+    c, exact = model.character, pose.to("cpu", torch.float64)
+    points = _moving_matrix(finder.weights[found.sample], found.x_rest)
+    depth: Tensor = _Depth.apply(model, _moved(points, exact, c.d), exact, True)
+    return (depth.square().sum() / len(finder.x_rest)).to(pose.dtype)
+
+
 class MovingSkin:
     """Places on a model's skin, differentiable by the pose (eq. 1).
 
@@ -73,34 +104,44 @@ class MovingSkin:
         c = model.character
         skin = skin or skin_places(c.V, c.F)
         n, d = skin.barycentric.shape
-        # Row i has sum_c bary_ic W_cb (v_c, 1) for each bone b: times the transposed transforms, the place.
         corner = c.F[skin.facet].ravel()
-        weights = csr_array(c.W[corner] * skin.barycentric.reshape(-1, 1))
-        home = np.concatenate([c.V, np.ones((len(c.V), 1))], axis=1)[corner]
-        row = np.repeat(np.arange(n * d) // d, np.diff(weights.indptr))
-        entry = np.repeat(np.arange(n * d), np.diff(weights.indptr))
-        index = np.stack([np.repeat(row, d + 1), (weights.indices[:, None] * (d + 1) + np.arange(d + 1)).ravel()])
-        value = (weights.data[:, None] * home[entry]).ravel()
-        shape = (n, c.W.shape[1] * (d + 1))
-        self._matrix = torch.sparse_coo_tensor(
-            torch.from_numpy(index), torch.from_numpy(value), shape, check_invariants=True
-        )
-        self._matrix = self._matrix.coalesce()
-        self._d = d
+        # Row i of the product has sum_c bary_ic W_cb (v_c, 1) for each bone b.
+        corners = csr_array((skin.barycentric.ravel(), (np.arange(n * d) // d, np.arange(n * d))), shape=(n, n * d))
+        self._matrix, self._d = _moving_matrix(csr_array(c.W[corner]), c.V[corner], corners), d
 
     def __call__(self, pose: Tensor) -> Tensor:
         """The places (n, d) in a pose (b, d+1, d+1), in the pose's precision."""
-        columns = pose[:, : self._d].transpose(1, 2).reshape(-1, self._d)
-        return torch.sparse.mm(self._matrix, columns.to("cpu", torch.float64)).to(pose.dtype)
+        return _moved(self._matrix, pose.to("cpu", torch.float64), self._d).to(pose.dtype)
+
+
+def _moving_matrix(W: csr_array, home: np.ndarray, blend: csr_array | None = None) -> Tensor:
+    """Sparse rows W_ib (x_i, 1) of rest points (n, d), or sums of them: times the transposed transforms, the places."""
+    n, d = home.shape
+    W, place = W.tocoo(), np.concatenate([home, np.ones((n, 1))], axis=1)
+    row, column = np.repeat(W.row, d + 1), (W.col[:, None] * (d + 1) + np.arange(d + 1)).ravel()
+    rows = csr_array(((W.data[:, None] * place[W.row]).ravel(), (row, column)), shape=(n, W.shape[1] * (d + 1)))
+    rows = (rows if blend is None else blend @ rows).tocoo()
+    index = torch.from_numpy(np.stack([rows.row, rows.col]).astype(np.int64))
+    return torch.sparse_coo_tensor(index, torch.from_numpy(rows.data), rows.shape, check_invariants=True).coalesce()
+
+
+def _moved(matrix: Tensor, pose: Tensor, d: int) -> Tensor:
+    """The places (n, d) of the rows of `_moving_matrix` in a pose (b, d+1, d+1)."""
+    return torch.sparse.mm(matrix, pose[:, :d].transpose(1, 2).reshape(-1, d))
 
 
 class _Depth(torch.autograd.Function):
     """Depths (n,) of points (n, d) in a pose, in double precision."""
 
     @staticmethod
-    def forward(ctx: Any, model: "Model", x: Tensor, pose: Tensor) -> Tensor:
-        """Depths; what `backward` needs is kept."""
-        found = penetration(model, x.detach().numpy(), pose.detach().numpy())
+    def forward(ctx: Any, model: "Model", x: Tensor, pose: Tensor, inside: bool) -> Tensor:
+        """Depths; what `backward` needs is kept. Points that are `inside` are not tested."""
+        points, transforms = x.detach().numpy(), pose.detach().numpy()
+        if inside:
+            places = model.closest_points(points, transforms)
+            found = Penetration(places.distance, places.point - points, places.facet, places.barycentric)
+        else:
+            found = penetration(model, points, transforms)
         ctx.model, ctx.found, ctx.bones = model, found, pose.shape
         ctx.save_for_backward(x)
         return torch.from_numpy(found.depth)
@@ -118,4 +159,4 @@ class _Depth(torch.autograd.Function):
                 found.depth[inside], found.facet[inside], here + found.way_out[inside], found.barycentric[inside]
             )
             by_x[inside], by_pose = ctx.model.skin_gradients(here, places, gradients[0].numpy()[inside])
-        return None, torch.from_numpy(by_x), torch.from_numpy(by_pose)
+        return None, torch.from_numpy(by_x), torch.from_numpy(by_pose), None

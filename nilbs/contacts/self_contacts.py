@@ -1,9 +1,13 @@
 """Where a posed body meets itself: places in the volume of two of its parts at once."""
 
-from typing import NamedTuple
+from copy import copy
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
+from scipy.sparse import csr_array
 
+from nilbs.contacts.forward_weights import forward_weights
 from nilbs.engine.other_roots import other_roots
 from nilbs.engine.search import PosedSearch, SearchEngine
 from nilbs.engine.unit_frame import at_rest
@@ -31,6 +35,8 @@ class SelfContacts(NamedTuple):
         Its two canonical points, in mesh units.
     part, other_part : (k,) int arrays
         The bone with the largest weight at each.
+    sample : (k,) int array
+        Which of the finder's points it is.
     """
 
     point: np.ndarray
@@ -40,6 +46,7 @@ class SelfContacts(NamedTuple):
     other: np.ndarray
     part: np.ndarray
     other_part: np.ndarray
+    sample: np.ndarray
 
 
 class SelfContactFinder:
@@ -65,6 +72,10 @@ class SelfContactFinder:
     ----------
     exempt : (b, b) bool array
         Pairs of bones whose parts may overlap.
+    x_rest : (n, d) float array
+        The points that are followed.
+    part, part_of_facet : (n,) and (m,) int arrays
+        The part that each of them, and each facet of the skin, belongs to.
 
     Raises
     ------
@@ -85,9 +96,9 @@ class SelfContactFinder:
         self.model, self.engine = model, engine
         self.x_rest = _inside(c.V, c.F, samples, np.random.default_rng(seed))
         part = c.W.argmax(axis=1)
-        self._part_of_facet = sum(c.W[c.F[:, k]] for k in range(c.d)).argmax(axis=1)
+        self.part_of_facet = sum(c.W[c.F[:, k]] for k in range(c.d)).argmax(axis=1)
         self._rest = model.surface_tree.posed(c.V)
-        self._own = self._parts(self.x_rest)
+        self.part = self._parts(self.x_rest)
         self.exempt = _near_along(c.skeleton.P, steps) | touching(c.V, c.F, part, len(c.skeleton.BE), apart * c.L)
 
     def __call__(self, pose: np.ndarray) -> SelfContacts:
@@ -109,7 +120,7 @@ class SelfContactFinder:
         other, _ = other_roots(search, x, frame.to_unit, unit)
         here = np.flatnonzero(~np.isnan(other[:, 0]))
         other = other[here].astype(np.float64) * c.L + c.center
-        part, other_part = self._own[here], self._parts(other)
+        part, other_part = self.part[here], self._parts(other)
         kept = ~self.exempt[part, other_part]
         here, other, part, other_part = here[kept], other[kept], part[kept], other_part[kept]
         places = posed.closest_points(x[here])
@@ -117,12 +128,24 @@ class SelfContactFinder:
         here = here[order]
         return SelfContacts(
             x[here], places.distance[order], places.point[order] - x[here], self.x_rest[here], other[order],
-            part[order], other_part[order],
+            part[order], other_part[order], here,
         )  # fmt: skip
+
+    def thinned(self, samples: int) -> Self:
+        """A finder of the same that follows the first of the points only: faster and coarser."""
+        thin = copy(self)
+        thin.__dict__.pop("weights", None)
+        thin.x_rest, thin.part = self.x_rest[:samples], self.part[:samples]
+        return thin
+
+    @cached_property
+    def weights(self) -> csr_array:
+        """The weights (n, b) by which the forward map moves the points."""
+        return forward_weights(self.model, self.x_rest)
 
     def _parts(self, x_rest: np.ndarray) -> np.ndarray:
         """The part (n,) of rest points (n, d)."""
-        return self._part_of_facet[self._rest.closest(x_rest).facet]
+        return self.part_of_facet[self._rest.closest(x_rest).facet]
 
 
 def self_contacts(model: Model, pose: np.ndarray, *, apart: float = APART, steps: int = STEPS) -> SelfContacts:

@@ -7,10 +7,12 @@ import pytest
 
 from nilbs.characters.capsule import capsule
 from nilbs.characters.motion import random_motion
+from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.models.fitting import fit
 from nilbs.models.model import Model
 
 RADIUS, LENGTH = 0.2, 1.0
+BONES = 8  # of a chain
 
 
 @pytest.fixture(scope="session")
@@ -45,3 +47,26 @@ def capsule_distance() -> Callable[[np.ndarray], np.ndarray]:
         return np.linalg.norm(x - axis, axis=1) - RADIUS
 
     return distance
+
+
+@pytest.fixture(scope="session")
+def chains() -> dict[int, Model]:
+    """By dimension: a long capsule of eight bones."""
+    found = {}
+    for d in (2, 3):
+        c = capsule(bones=BONES, length=2.0, radius=0.09, resolution=24, d=d)
+        found[d] = fit(c, random_motion(c, frames=2), steps=0, device="cpu")
+    return found
+
+
+@pytest.fixture(scope="session")
+def rolled() -> Callable[..., np.ndarray]:
+    """A pose of a chain: every bone turned against the one before, about z, by so many degrees."""
+
+    def pose(model: Model, degrees: float) -> np.ndarray:
+        d, s = model.character.d, model.character.skeleton
+        theta = np.zeros((BONES, 1 if d == 2 else 3))
+        theta[1:, -1] = np.radians(degrees)
+        return forward_kinematics(s.C, s.BE, s.P, theta)
+
+    return pose

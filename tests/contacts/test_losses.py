@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 import torch
 
-from nilbs.contacts.losses import MovingSkin, contact_loss, penetration_depth, penetration_loss
+from nilbs.contacts.losses import MovingSkin, contact_loss, penetration_depth, penetration_loss, self_contact_loss
 from nilbs.contacts.pairs import skin_places
 from nilbs.contacts.penetration import penetration
+from nilbs.contacts.self_contacts import SelfContactFinder
+from nilbs.fields.kinematics import forward_kinematics
 
 
 def bent(moved, rng, d: int) -> np.ndarray:
@@ -67,3 +69,37 @@ def test_a_step_down_the_loss_moves_bodies_apart(capsules, moved) -> None:
     assert (b.grad[:, 0, 3].sum() < 0).item()  # to the side that is free
     further = b.detach() - 20 * b.grad
     assert contact_loss(model, a, model, further) < 0.5 * loss
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_derivatives_of_the_loss_of_one_body(chains, rolled, d) -> None:
+    chain = chains[d]
+    finder = SelfContactFinder(chain, samples=300)
+    pose = torch.tensor(rolled(chain, 62), requires_grad=True)
+    loss = self_contact_loss(chain, pose, finder=finder)
+    found = finder(pose.detach().numpy())
+    assert len(found.depth) > 5
+    assert loss.item() == pytest.approx((found.depth**2).sum() / 300, rel=1e-3)
+    assert torch.autograd.gradcheck(
+        lambda p: self_contact_loss(chain, p, finder=finder), (pose,), eps=1e-7, atol=1e-7, rtol=1e-3
+    )
+    assert self_contact_loss(chain, torch.tensor(rolled(chain, 20)), finder=finder) == 0
+    single = self_contact_loss(chain, pose.detach().float(), finder=finder)
+    assert single.dtype == torch.float32
+    assert single.item() == pytest.approx(loss.item(), rel=1e-3)
+
+
+def test_steps_down_the_loss_of_one_body_unroll_it(chains, rolled) -> None:
+    chain = chains[3]
+    s, finder = chain.character.skeleton, SelfContactFinder(chain, samples=2000)
+    theta = torch.zeros((len(s.BE), 3), dtype=torch.float64)
+    theta[1:, 2] = np.radians(62)
+    theta.requires_grad_()
+    losses = []
+    for _ in range(4):
+        loss = self_contact_loss(chain, forward_kinematics(torch.tensor(s.C), s.BE, s.P, theta), finder=finder)
+        losses.append(loss.item())
+        (slope,) = torch.autograd.grad(loss, theta)
+        theta.data -= 0.06 * slope / slope.norm()
+    assert (np.diff(losses) < 0).all()
+    assert losses[-1] < 0.5 * losses[0]

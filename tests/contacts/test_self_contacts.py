@@ -1,35 +1,23 @@
 import numpy as np
 import pytest
 
-from nilbs.characters.capsule import capsule
-from nilbs.characters.motion import random_motion
 from nilbs.contacts.self_contacts import SelfContactFinder, self_contacts, touching
 from nilbs.engine.other_roots import other_roots
 from nilbs.engine.unit_frame import at_rest
 from nilbs.geometry.distance import closest_points
-from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.winding import winding_number
 from nilbs.models.fitting import fit
 
-BONES = 8
+from .conftest import BONES
 
 
-@pytest.fixture(scope="module", params=[2, 3])
-def chain(request):
+@pytest.fixture(params=[2, 3])
+def chain(chains, request):
     """A long capsule of eight bones."""
-    c = capsule(bones=BONES, length=2.0, radius=0.09, resolution=24, d=request.param)
-    return fit(c, random_motion(c, frames=2), steps=0, device="cpu")
+    return chains[request.param]
 
 
-def rolled(model, degrees: float) -> np.ndarray:
-    """Every bone turned against the one before, about z."""
-    d, s = model.character.d, model.character.skeleton
-    theta = np.zeros((BONES, 1 if d == 2 else 3))
-    theta[1:, -1] = np.radians(degrees)
-    return forward_kinematics(s.C, s.BE, s.P, theta)
-
-
-def test_a_chain_rolled_into_itself(chain) -> None:
+def test_a_chain_rolled_into_itself(chain, rolled) -> None:
     pose, c = rolled(chain, 62), chain.character
     finder = SelfContactFinder(chain, samples=20_000)
     found, posed = finder(pose), chain.posed(pose)
@@ -47,7 +35,7 @@ def test_a_chain_rolled_into_itself(chain) -> None:
     assert len(found.depth) == pytest.approx(twice.sum(), rel=0.1)
 
 
-def test_another_root_is_not_the_known_one(chain) -> None:
+def test_another_root_is_not_the_known_one(chain, rolled) -> None:
     c, pose = chain.character, rolled(chain, 62)
     posed = chain.posed(pose)
     rest = SelfContactFinder(chain, samples=5000).x_rest
@@ -61,13 +49,13 @@ def test_another_root_is_not_the_known_one(chain) -> None:
     assert (distance[found] < 0).all()
 
 
-def test_pairs_that_are_exempt_are_no_contacts(chain) -> None:
+def test_pairs_that_are_exempt_are_no_contacts(chain, rolled) -> None:
     pose = rolled(chain, 62)
     assert len(SelfContactFinder(chain, samples=5000)(pose).depth) > 0
     assert len(SelfContactFinder(chain, samples=5000, steps=BONES)(pose).depth) == 0
 
 
-def test_a_bent_chain_does_not_meet_itself(chain) -> None:
+def test_a_bent_chain_does_not_meet_itself(chain, rolled) -> None:
     assert len(self_contacts(chain, rolled(chain, 25)).depth) == 0
 
 
@@ -85,7 +73,7 @@ def test_parts_that_touch() -> None:
     assert np.argwhere(near).tolist() == [[0, 1], [1, 0]]
 
 
-def test_other_methods_are_refused(chain) -> None:
+def test_other_methods_are_refused(chain, rolled) -> None:
     other = fit(chain.character, chain.motion, method="nearest")
     with pytest.raises(ValueError, match="the method nearest has not here"):
         SelfContactFinder(other)
