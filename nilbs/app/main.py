@@ -26,6 +26,7 @@ COMMANDS = {
     "view": "pose characters in the browser, and see their fields",
     "evaluate": "score a model against the skinned mesh",
     "check": "find where a moving character meets itself or others, and how deep",
+    "clear": "change a motion as little as keeps a character's parts, and others, apart",
     "benchmark": "time a model beside libraries that query the skinned mesh",
     "completion": "print a shell's script that completes commands, options and files by the Tab key",
 }
@@ -38,9 +39,9 @@ _INTERRUPTED = 130  # 128 + SIGINT, as a shell reports it
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command, given as the words after `nilbs`, by default those of the process, and return the exit status.
 
-    The status is 0; 2 after a user's mistake, with one line on standard error; 130 after Ctrl-C; 1 if standard output
-    was closed. argparse raises SystemExit for --help (0) and for wrong options (2). With NILBS_DEBUG=1 in the
-    environment an error shows its traceback.
+    The status is 0, or what the command returns; 2 after a user's mistake, with one line on standard error; 130 after
+    Ctrl-C; 1 if standard output was closed. argparse raises SystemExit for --help (0) and for wrong options (2). With
+    NILBS_DEBUG=1 in the environment an error shows its traceback.
 
     Examples
     --------
@@ -49,22 +50,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     words = with_axes(sys.argv[1:] if argv is None else argv)
 
-    def run() -> None:
+    def run() -> int | None:
         if "_ARGCOMPLETE" in os.environ:  # set by the script of `nilbs completion` while a shell completes a line
             import argcomplete
 
             argcomplete.autocomplete(parser_of(os.environ["COMP_LINE"].split()))
         args = parser_of(words).parse_args(words)
-        args.run(args)
+        status: int | None = args.run(args)
+        return status
 
     return exit_status(run)
 
 
-def exit_status(run: Callable[[], None]) -> int:
+def exit_status(run: Callable[[], int | None]) -> int:
     """Run a program and return the status of `main`."""
     _open_output()
     try:
-        run()
+        status = run()
         sys.stdout.flush()
     except BrokenPipeError:
         _drop_output()
@@ -82,7 +84,7 @@ def exit_status(run: Callable[[], None]) -> int:
         _drop_output()
         _print_error(message)
         return 2
-    return 0
+    return status or 0
 
 
 def with_axes(words: Sequence[str]) -> list[str]:

@@ -18,6 +18,8 @@ from nilbs.models.model import Model
 
 # Points in the rest volume, how near parts may be at rest, of the longest edge, and how many steps along the skeleton.
 SAMPLES, APART, STEPS = 50_000, 0.005, 2
+# Winding number above which two sheets of the body cover a place.
+TWICE = 1.5
 
 
 class SelfContacts(NamedTuple):
@@ -26,7 +28,7 @@ class SelfContacts(NamedTuple):
     Attributes
     ----------
     point : (k, d) float array
-        A posed point with two canonical points inside the body, in mesh units.
+        A posed point with two canonical points inside the body, and a winding number above 1.5, in mesh units.
     depth : (k,) float array
         Its distance to the posed skin.
     way_out : (k, d) float array
@@ -99,7 +101,7 @@ class SelfContactFinder:
         self.part_of_facet = sum(c.W[c.F[:, k]] for k in range(c.d)).argmax(axis=1)
         self._rest = model.surface_tree.posed(c.V)
         self.part = self._parts(self.x_rest)
-        self.exempt = _near_along(c.skeleton.P, steps) | touching(c.V, c.F, part, len(c.skeleton.BE), apart * c.L)
+        self.exempt = near_along(c.skeleton.P, steps) | touching(c.V, c.F, part, len(c.skeleton.BE), apart * c.L)
 
     def __call__(self, pose: np.ndarray) -> SelfContacts:
         """Contacts in a pose (b, d+1, d+1), the deepest first.
@@ -122,6 +124,8 @@ class SelfContactFinder:
         other = other[here].astype(np.float64) * c.L + c.center
         part, other_part = self.part[here], self._parts(other)
         kept = ~self.exempt[part, other_part]
+        # Where the body is folded, a place has two canonical points but is covered once.
+        kept[kept] = winding_number(posed.U, c.F, x[here[kept]]) > TWICE
         here, other, part, other_part = here[kept], other[kept], part[kept], other_part[kept]
         places = posed.closest_points(x[here])
         order = np.argsort(-places.distance, kind="stable")
@@ -165,7 +169,7 @@ def _inside(V: np.ndarray, F: np.ndarray, n: int, rng: np.random.Generator) -> n
     raise ValueError("the body has hardly any volume at rest: no contacts with itself can be found")
 
 
-def _near_along(P: np.ndarray, steps: int) -> np.ndarray:
+def near_along(P: np.ndarray, steps: int) -> np.ndarray:
     """Pairs (b, b) of bones at most so many bones from each other along the skeleton."""
     b = len(P)
     linked = np.eye(b, dtype=bool)
