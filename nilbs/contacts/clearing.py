@@ -138,7 +138,7 @@ def clear_motion(
     finders = Finders(model, motion, against, depth * L, None if distance is None else distance * L, finder)
     before = finders.reached(np.arange(len(motion)), motion.B)
     work = _Clearing(finders, motion, before, smooth, rounds, step)
-    for run in _windows(motion, before.bad):
+    for run, _ in windows_near(motion, before.bad):
         work.clear(run)
     cleared = replace(motion, B=work.poses, curves=()) if before.bad.any() else motion
     return Cleared(cleared, work.change, before, work.now, np.flatnonzero(work.now.bad), work.rounds)
@@ -260,15 +260,15 @@ class _Clearing:
         return change
 
 
-def _windows(motion: Motion, bad: np.ndarray) -> list[np.ndarray]:
-    """Runs of frames that may change: near one that is not clear, in one clip."""
-    found = []
+def windows_near(motion: Motion, bad: np.ndarray) -> list[tuple[np.ndarray, tuple[bool, bool]]]:
+    """Runs of frames that may change, near one that is not clear and in one clip; and which of their sides are held."""
+    found: list[np.ndarray] = []
     starts = [start for _, start in motion.clips] or [0]
     for begin, end in zip(starts, [*starts[1:], len(motion)], strict=True):
         near = np.convolve(bad[begin:end], np.ones(2 * REACH + 1), mode="full")[REACH : REACH + end - begin] > 0.5
         frames = begin + np.flatnonzero(near)
         found += [run for run in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(run)]
-    return found
+    return [(run, _held(motion, run)) for run in found]
 
 
 def _held(motion: Motion, run: np.ndarray) -> tuple[bool, bool]:

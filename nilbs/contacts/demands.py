@@ -240,11 +240,11 @@ class Finders:
         """Demands of contacts of the body with itself: of each two parts, one is to leave the other."""
         c = self.model.character
         parts: list[list[np.ndarray]] = []
-        for frame, entries in found.items():
+        for number, entries in found.items():
             own = entries[0][1]
             deep = own.depth > TARGET * self.depth if self.distance is None else own.depth >= 0
             k = int(deep.sum())
-            parts.append([np.full(k, frame), own.sample[deep], own.part[deep], own.other_part[deep], own.depth[deep]])
+            parts.append([np.full(k, number), own.sample[deep], own.part[deep], own.other_part[deep], own.depth[deep]])
         if not sum(len(p[0]) for p in parts):
             return []
         frame, sample, part, other, depth = (np.concatenate(column) for column in zip(*parts, strict=True))

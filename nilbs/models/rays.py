@@ -117,6 +117,47 @@ def first_hits(
     return found
 
 
+def segments(model: Model, start: np.ndarray, end: np.ndarray, pose: np.ndarray) -> Hits:
+    """Where segments first meet the posed skin.
+
+    Parameters
+    ----------
+    model : Model
+    start, end : (n, d) float array
+        Where segments begin and end, in mesh units; a segment may be a point.
+    pose : (b, d+1, d+1) float array
+        Bone transforms, rest to posed.
+
+    Returns
+    -------
+    hits : Hits
+        With distances from the segment's start. Of a segment that begins inside the body, its start's closest place, at
+        t = 0.
+
+    Raises
+    ------
+    ValueError
+        As for all queries, and if shapes disagree.
+
+    Examples
+    --------
+    >>> from nilbs.characters.capsule import capsule
+    >>> from nilbs.characters.motion import random_motion
+    >>> from nilbs.models.fitting import fit
+    >>> character = capsule(radius=0.2, d=2)
+    >>> model = fit(character, random_motion(character, frames=2), method="nearest")
+    >>> hits = segments(model, [[-1, 0], [-1, 0]], [[0, 0], [-0.5, 0]], np.tile(np.eye(3), (2, 1, 1)))
+    >>> hits.t.round(3).tolist()
+    [0.8, inf]
+    """
+    d = model.character.d
+    start, end = arrays(start=(start, f"n {d}"), end=(end, f"n {d}"))
+    length = np.linalg.norm(end - start, axis=1)
+    # Where a segment is a point, any direction does.
+    direction = np.where((length > 0)[:, None], end - start, np.eye(d)[0])
+    return first_hits(model, start, direction, pose, far=length)
+
+
 def _within(origin: np.ndarray, direction: np.ndarray, U: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
     """Where rays enter and leave the box around points, which is a little larger; entering last where they miss it."""
     low, high = U.min(axis=0) - margin, U.max(axis=0) + margin

@@ -1,6 +1,8 @@
 import json
 
+import numpy as np
 import pytest
+import trimesh
 
 from nilbs.app.commands.check import FILES
 
@@ -11,6 +13,10 @@ def test_files_and_output(assets, nilbs, tmp_path):
     assert status == 0
     assert (tmp_path / FILES[1]).read_text() == out
     assert (tmp_path / FILES[2]).read_bytes().startswith(b"\x89PNG")
+    scene = trimesh.load(tmp_path / FILES[3])
+    assert len(scene.geometry) == 2 * 3  # the body and the other one, in the worst frames
+    colours = np.concatenate([mesh.visual.vertex_colors for mesh in scene.geometry.values()])
+    assert len(np.unique(colours, axis=0)) > 2
     found = json.loads((tmp_path / FILES[0]).read_text())
     with_itself, with_other = found["contacts"]
     assert (with_itself["with"], with_other["with"]) == ("itself", "bar3")

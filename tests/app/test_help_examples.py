@@ -20,6 +20,7 @@ SHORTER = {
     "train": ["--steps", "0", "--frames", "20", "--cache-resolution", "16"],
     "evaluate": ["--points", "50", "--resolution", "8"],
     "check": ["--points", "200"],
+    "clear": ["--points", "200"],
     "voxelize": ["--resolution", "8"],
     "extract": ["--resolution", "8"],
     "animate": ["--pixels", "32"],

@@ -2,7 +2,7 @@ import igl
 import numpy as np
 import pytest
 
-from nilbs.models.rays import first_hits
+from nilbs.models.rays import first_hits, segments
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -53,3 +53,20 @@ def test_segments_end_and_rays_may_begin_inside(models) -> None:
     with pytest.raises(ValueError, match=r"direction\[1\] is zero"):
         first_hits(model, np.zeros((2, 3)), np.array([[1.0, 0, 0], [0, 0, 0]]), pose)
     assert len(first_hits(model, np.empty((0, 3)), np.empty((0, 3)), pose).t) == 0
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_segments_are_rays_of_their_length(models, rng, d) -> None:
+    model, pose = models[d], models[d].motion[2]
+    start, end = rng.uniform(-1.5, 1.5, (2, 200, d)) * model.character.L
+    end[0] = start[0]
+    found = segments(model, start, end, pose)
+    length = np.linalg.norm(end - start, axis=1)
+    rays = first_hits(model, start[1:], (end - start)[1:], pose)
+    np.testing.assert_array_equal(found.t[1:], np.where(rays.t <= length[1:], rays.t, np.inf))
+    assert 5 < np.isfinite(found.t).sum() < 195
+    middle = pose[0, :d, :d] @ model.character.V.mean(axis=0) + pose[0, :d, d]
+    point = segments(model, middle[None], middle[None], pose)
+    assert point.t.tolist() == [0.0 if model.occupancy(middle[None], pose)[0] > 0.5 else np.inf]
+    with pytest.raises(ValueError, match="end must be"):
+        segments(model, start, end[1:], pose)

@@ -4,7 +4,7 @@ import argparse
 
 from nilbs.app.options import add_json, add_motion, not_negative, whole
 
-FILES = ("contacts.json", "contacts.txt", "contacts.png")
+FILES = ("contacts.json", "contacts.txt", "contacts.png", "contacts.glb")
 
 EXAMPLE = "nilbs check hero.nilbs --out contacts"
 
@@ -86,9 +86,11 @@ def run(args: argparse.Namespace) -> None:
     values |= {"exempt": pairs, "exempt_share": share}
     if args.out is not None:
         from nilbs.app.scoring import write_results
+        from nilbs.figures.contact_scene import write_contact_scene
         from nilbs.figures.timeline import timeline_figure
 
-        as_json, as_text, picture = (Path(args.out) / name for name in FILES)
+        as_json, as_text, picture, scene = (Path(args.out) / name for name in FILES)
         write_results(as_json, as_text, values, text)
         timeline_figure(timelines, L, picture, title=f"{model.character.name}: contacts")
+        write_contact_scene(scene, finder, motion, timelines, list(others.values()), samples=args.points)
     show(values, as_json=args.json, table=text)
