@@ -147,8 +147,8 @@ def itself(name: str, model: Model, motion: Motion) -> list[str]:
     share = len(pairs) / max(len(names) * (len(names) - 1) / 2, 1)
     index = {int(f): k for k, f in enumerate(motion.frames)}
     rows = [
-        f"  frame {f.frame}: found {100 * f.depth / L:.3f}, true {100 * true[index[f.frame]]:.3f} % of L, "
-        f"{true[index[f.frame]] / max(fifth, 1e-12):.3f} of the fifth"
+        f"  frame {f.frame}: found {100 * f.depth / L:.3f}, true {100 * true[index[f.frame]]:.3f} % of L"
+        + (f", {true[index[f.frame]] / fifth:.3f} of the fifth" if fifth > 0 else "")
         for f in worst
     ]
     return [

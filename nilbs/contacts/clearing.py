@@ -19,6 +19,10 @@ from nilbs.models.model import Model
 REACH, ROUNDS, SMOOTH, SMOOTHER = 8, 40, 1.5, 1.15
 # Rounds from the motion itself, before a blend with the rest pose is tried; and what of the cost ends the rounds there.
 DIRECT, SETTLED = 14, 0.98
+# A stretch that is clear after so many rounds is not tried from a blend.
+EASY = 6
+# Of the frames of a stretch that were not clear, how many may be left then without it starting again.
+FEW = 0.1
 # By how much more of the allowed depth is demanded in each round after some.
 TIGHTER, PATIENT = 0.05, 3
 # Solutions between two searches for contacts, and the longest turn of one, in radians; from a blend, one, and shorter.
@@ -171,16 +175,28 @@ class _Clearing:
         self.rounds = 0
 
     def clear(self, run: np.ndarray) -> None:
-        """Clear a window: from the motion itself, else from a blend with the rest pose, where that is clear."""
-        if self._descend(run, self.change, min(DIRECT, self.most), near=False) is not None:
+        """Clear a window: from the motion itself, and unless that was easy also from a blend with the rest pose."""
+        begun = self.rounds
+        direct = self._descend(run, self.change, near=False)
+        if direct is not None and self.rounds - begun <= EASY:
             return
-        direct = self.change
+        found = [(self.change, direct)]
+        untouched = self.change.copy()
+        untouched[run] = 0
+        self._set(run, untouched, self.now)
         blended = self._blend(run)
         self.finders.forget(run)
-        if blended is None or self._descend(run, blended, self.most - DIRECT, near=True) is None:
-            looks = [self._look(run, c, exact=True) for c in (direct, self.change)]
-            best = int(looks[1].depth[run].max() < looks[0].depth[run].max())
-            self._set(run, (direct, self.change)[best], looks[best])
+        if blended is not None:
+            from_blend = self._descend(run, blended, near=True)
+            found.append((self.change, from_blend))
+        looks = [now or self._look(run, change, exact=True) for change, now in found]
+        # The cheapest that is clear, else that with the shallowest contacts.
+        ranks = [
+            (bool(now.bad[run].any()), now.depth[run].max() if now.bad[run].any() else (change[run] ** 2).sum())
+            for (change, _), now in zip(found, looks, strict=True)
+        ]
+        best = min(range(len(found)), key=lambda k: ranks[k])
+        self._set(run, found[best][0], looks[best])
 
     def _set(self, run: np.ndarray, change: np.ndarray, reached: Reached) -> None:
         self.change, self.now = change, reached
@@ -195,11 +211,16 @@ class _Clearing:
                 return now
         return self.finders.reached(run, B, self.now)
 
-    def _descend(self, run: np.ndarray, change: np.ndarray, rounds: int, *, near: bool) -> Reached | None:
+    def _descend(self, run: np.ndarray, change: np.ndarray, *, near: bool) -> Reached | None:
         """Rounds of solutions from a change; the cheapest that is clear is kept, if there is one."""
         stiff, demands, best, cheapest = self.smooth, None, None, np.inf
-        now = self._look(run, change) if near else self.now
-        for k in range(rounds):
+        now, cost = self._look(run, change) if near else self.now, float((change[run] ** 2).sum())
+        first = int(now.bad[run].sum())
+        if first == 0 and self._is_smooth(run, change):
+            best, cheapest = (change, now), cost
+        for k in range(self.most):
+            if not near and k >= DIRECT and now.bad[run].sum() > FEW * first:
+                break
             self.rounds += 1
             # What stays a little short of clear is demanded a little more.
             extra = TIGHTER * max(k - PATIENT, 0) * self.finders.depth / self.L
