@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from nilbs.characters.motion import Motion
-from nilbs.contacts.blending import smallest_blend
+from nilbs.contacts.blending import smallest_blend, smallest_move
 from nilbs.contacts.demands import Finders, Reached
 from nilbs.contacts.joint_changes import JointChanges
 from nilbs.contacts.least_change import least_change, smoothing_inverse
@@ -17,14 +17,17 @@ from nilbs.models.model import Model
 
 # Frames around a contact that may change; rounds; frames over which a change is smoothed, and by how much it grows.
 REACH, ROUNDS, SMOOTH, SMOOTHER = 8, 40, 1.5, 1.15
-# Rounds from the motion itself, before a blend with the rest pose is tried; and what of the cost ends the rounds there.
-DIRECT, SETTLED = 14, 0.98
-# A stretch that is clear after so many rounds is not tried from a blend.
-EASY = 6
-# Of the frames of a stretch that were not clear, how many may be left then without it starting again.
-FEW = 0.1
-# By how much more of the allowed depth is demanded in each round after some.
-TIGHTER, PATIENT = 0.05, 3
+# Rounds from the motion itself, and those without a gain, where a blend with the rest pose is clear; rounds from that,
+# and what of the cost, at least, ends them.
+DIRECT, STALLED, NEAR, SETTLED = 20, 6, 12, 0.98
+# A round must leave fewer frames that are not clear than this share; and frames around these that are looked at closer.
+FEWER, AROUND = 0.9, 2
+# A stretch is cheap enough at this share of the cost of the blend.
+ENOUGH = 0.4
+# From a blend, what is cheaper by this is better although it is not clear.
+CHEAPER = 2.0
+# By how much more of the allowed depth is demanded in frames that are not clear, in each round after some.
+TIGHTER, PATIENT = 0.05, 6
 # Solutions between two searches for contacts, and the longest turn of one, in radians; from a blend, one, and shorter.
 INNER, STEP, SHORT = 2, 0.3, 0.1
 # Demands whose distance exceeds what is demanded by more, in units of L, are left out.
@@ -173,34 +176,20 @@ class _Clearing:
         self.change = np.zeros((*motion.B.shape[:2], self.changes.r))
         self.poses = motion.B.copy()
         self.rounds = 0
+        self._blends: dict[int, _Tried | None] = {}
 
     def clear(self, run: np.ndarray) -> None:
-        """Clear a window: from the motion itself, and unless that was easy also from a blend with the rest pose."""
-        begun = self.rounds
-        direct = self._descend(run, self.change, near=False)
-        if direct is not None and self.rounds - begun <= EASY:
-            return
-        found = [(self.change, direct)]
-        untouched = self.change.copy()
-        untouched[run] = 0
-        self._set(run, untouched, self.now)
-        blended = self._blend(run)
-        self.finders.forget(run)
-        if blended is not None:
-            from_blend = self._descend(run, blended, near=True)
-            found.append((self.change, from_blend))
-        looks = [now or self._look(run, change, exact=True) for change, now in found]
-        # The cheapest that is clear, else that with the shallowest contacts.
-        ranks = [
-            (bool(now.bad[run].any()), now.depth[run].max() if now.bad[run].any() else (change[run] ** 2).sum())
-            for (change, _), now in zip(found, looks, strict=True)
-        ]
-        best = min(range(len(found)), key=lambda k: ranks[k])
-        self._set(run, found[best][0], looks[best])
-
-    def _set(self, run: np.ndarray, change: np.ndarray, reached: Reached) -> None:
-        self.change, self.now = change, reached
-        self.poses[run] = self.changes.turned(run, change[run])
+        """Clear a window: from the motion itself; from a blend with the rest pose, too, if that is not much dearer."""
+        found, blend = self._descend(run, self.change, near=False), self._blended(run)
+        if blend is not None:
+            found = self._repaired(run, found, blend)
+            if not found.clear or found.cost(run) > ENOUGH * blend.cost(run):
+                self.finders.forget(run)
+                near = self._repaired(run, self._descend(run, blend.change, near=True), blend)
+                found = min(found, near, blend, key=lambda tried: tried.rank(run))
+        self.change = found.change
+        self.now = self._look(run, found.change, exact=True)
+        self.poses[run] = self.changes.turned(run, found.change[run])
 
     def _look(self, run: np.ndarray, change: np.ndarray, *, exact: bool = False) -> Reached:
         """What is in contact: by a coarse search, and if all is clear by that, by the exact one."""
@@ -211,49 +200,91 @@ class _Clearing:
                 return now
         return self.finders.reached(run, B, self.now)
 
-    def _descend(self, run: np.ndarray, change: np.ndarray, *, near: bool) -> Reached | None:
-        """Rounds of solutions from a change; the cheapest that is clear is kept, if there is one."""
-        stiff, demands, best, cheapest = self.smooth, None, None, np.inf
-        now, cost = self._look(run, change) if near else self.now, float((change[run] ** 2).sum())
-        first = int(now.bad[run].sum())
-        if first == 0 and self._is_smooth(run, change):
-            best, cheapest = (change, now), cost
-        for k in range(self.most):
-            if not near and k >= DIRECT and now.bad[run].sum() > FEW * first:
+    def _tried(self, run: np.ndarray, change: np.ndarray, now: Reached) -> "_Tried":
+        return _Tried(change, now, not now.bad[run].any() and self._is_smooth(run, change))
+
+    def _descend(self, run: np.ndarray, change: np.ndarray, *, near: bool) -> "_Tried":
+        """Rounds of solutions from a change, and the best of what they went through.
+
+        From the motion itself, the least change is solved for until that leaves no fewer frames that are not clear;
+        these are then cleared by the least moves from there.
+        """
+        stiff, demands, extra, local, better = self.smooth, None, np.zeros(len(self.motion)), False, 0
+        best = self._tried(run, change, self._look(run, change) if near else self.now)
+        now = best.reached
+        for k in range(min(self.most, NEAR) if near else self.most):
+            if not near and (k >= DIRECT or k - better >= STALLED) and self._blended(run) is not None:
                 break
             self.rounds += 1
-            # What stays a little short of clear is demanded a little more.
-            extra = TIGHTER * max(k - PATIENT, 0) * self.finders.depth / self.L
-            demands = self.finders.demands(now, run, self.changes, change, demands, near=near)
-            for _ in range(1 if near else INNER):
-                change, stiff = self._solved(run, demands, change, stiff, SHORT if near else STEP, extra)
+            # Where a frame stays a little short of clear a little more is demanded.
+            extra[run] += np.where(now.bad[run] & (k > PATIENT), TIGHTER * self.finders.depth / self.L, 0.0)
+            around = np.convolve(now.bad[run], np.ones(2 * AROUND + 1), mode="full")[AROUND : AROUND + len(run)] > 0.5
+            beside = run if near else run[around] if local else run[:0]
+            demands, fresh = self.finders.demands(now, run, self.changes, change, demands, near=beside)
+            longest = SHORT if near or local else STEP
+            for _ in range(1 if near or local else INNER):
+                change, stiff = self._solved(
+                    run, demands, change, stiff, longest, extra, moving=fresh if local else None
+                )
             now = self._look(run, change)
             self.step()
-            cost = float((change[run] ** 2).sum())
-            if not now.bad[run].any() and self._is_smooth(run, change):
-                settled = cost > SETTLED * cheapest
-                if cost < cheapest:
-                    best, cheapest = (change, now), cost
-                if settled or not near:
-                    break
-        self._set(run, *(best or (change, now)))
-        return None if best is None else best[1]
+            tried = self._tried(run, change, now)
+            settled = tried.clear and tried.cost(run) > SETTLED * best.cost(run)
+            if not near and not local and k > 0 and now.bad[run].sum() > FEWER * best.reached.bad[run].sum():
+                local, change, now = True, best.change, best.reached
+            # From a blend, what is much cheaper is better, too.
+            if tried.rank(run) < best.rank(run) or (near and best.cost(run) > CHEAPER * tried.cost(run)):
+                best, better = tried, k + 1
+            if tried.clear and (settled or not near):
+                break
+        return best
+
+    def _repaired(self, run: np.ndarray, tried: "_Tried", target: "_Tried") -> "_Tried":
+        """What was tried, moved towards what is clear where it is not; as it was if that is too rough."""
+        for smooth in self.smooth * SMOOTHER ** np.arange(0, 12, 3):
+            if tried.clear:
+                break
+            turns = smallest_move(
+                self.changes, run, tried.change[run], target.change[run], self._bad, smooth=smooth,
+                ends=_held(self.motion, run),
+            )  # fmt: skip
+            if turns is not None:
+                change = tried.change.copy()
+                change[run] = turns
+                moved = self._tried(run, change, self._look(run, change, exact=True))
+                tried = moved if moved.clear else tried
+        return tried
 
     def _solved(
-        self, run: np.ndarray, demands: Demands, change: np.ndarray, stiff: float, longest_step: float, extra: float
+        self,
+        run: np.ndarray,
+        demands: Demands,
+        change: np.ndarray,
+        stiff: float,
+        longest_step: float,
+        extra: np.ndarray,
+        *,
+        moving: np.ndarray | None,
     ) -> tuple[np.ndarray, float]:
-        """The change after one solution of the linearised problem, smoother if it is too rough."""
+        """The change after one solution of the linearised problem, smoother if it is too rough.
+
+        With demands (k,) that are `moving`, the least move from the present change instead of the least change: only
+        these are to be met, the others must not be missed by more than they are.
+        """
         gaps = self.finders.obstacles.gaps(self.changes, demands, change)
         # Linear about the present change: slope . new >= least - distance + slope . present.
         slope = gaps.slope.reshape(len(gaps.distance), -1) / self.L
         present = (slope * change[demands.frame].reshape(len(slope), -1)).sum(axis=1)
-        missing = (demands.least - gaps.distance) / self.L + extra
+        missing = (demands.least - gaps.distance) / self.L + extra[demands.frame]
+        wanted = missing + present
+        if moving is not None:
+            missing = wanted = np.where(moving, missing, np.minimum(missing, 0.0))
         mine = np.flatnonzero(missing > -IDLE)
         found = change.copy()
         before, after = _held(self.motion, run)
         inverse = smoothing_inverse(len(run), stiff, from_rest=before, to_rest=after)
-        new = least_change(demands.frame[mine] - run[0], slope[mine], (missing + present)[mine], inverse, smooth=stiff)
-        move = new.reshape(len(run), *change.shape[1:]) - change[run]
+        new = least_change(demands.frame[mine] - run[0], slope[mine], wanted[mine], inverse, smooth=stiff)
+        move = new.reshape(len(run), *change.shape[1:]) - (change[run] if moving is None else 0.0)
         longest = np.linalg.norm(move, axis=-1).max(initial=0.0)
         found[run] = change[run] + move * min(1.0, longest_step / max(longest, 1e-12))
         return found, stiff if self._is_smooth(run, found) else stiff * SMOOTHER
@@ -267,18 +298,37 @@ class _Clearing:
         old, new = self.changes.rotations(frames), self.changes.rotations(frames, change[frames])
         return roughness(new) <= max(ROUGH, ROUGHER * roughness(old))
 
-    def _blend(self, run: np.ndarray) -> np.ndarray | None:
+    def _bad(self, frames: np.ndarray, B: np.ndarray) -> np.ndarray:
+        return self.finders.reached(frames, B, self.now).bad[frames]
+
+    def _blended(self, run: np.ndarray) -> "_Tried | None":
         """The change of all frames with a window blended with the rest pose, so that it is clear."""
+        first = int(run[0])
+        if first not in self._blends:
+            ends = _held(self.motion, run)
+            turns = smallest_blend(self.changes, run, self._bad, smooth=self.smooth, ends=ends)
+            self._blends[first] = None
+            if turns is not None:
+                change = self.change.copy()
+                change[run] = turns
+                self._blends[first] = self._tried(run, change, self._look(run, change, exact=True))
+        return self._blends[first]
 
-        def bad(frames: np.ndarray, B: np.ndarray) -> np.ndarray:
-            return self.finders.reached(frames, B, self.now).bad[frames]
 
-        turns = smallest_blend(self.changes, run, bad, smooth=self.smooth, ends=_held(self.motion, run))
-        if turns is None:
-            return None
-        change = self.change.copy()
-        change[run] = turns
-        return change
+class _Tried(NamedTuple):
+    """A change of all frames, what is then in contact, and whether a window is clear and smooth."""
+
+    change: np.ndarray
+    reached: Reached
+    clear: bool
+
+    def cost(self, run: np.ndarray) -> float:
+        """The summed squared change of a window."""
+        return float((self.change[run] ** 2).sum())
+
+    def rank(self, run: np.ndarray) -> tuple[bool, int, float]:
+        """What is clear comes first, then that with the fewest frames that are not, then the cheapest."""
+        return not self.clear, int(self.reached.bad[run].sum()), self.cost(run)
 
 
 def windows_near(motion: Motion, bad: np.ndarray) -> list[tuple[np.ndarray, tuple[bool, bool]]]:

@@ -154,35 +154,45 @@ class Finders:
 
     def demands(
         self, now: Reached, run: np.ndarray, changes: JointChanges, change: np.ndarray, before: Demands | None,
-        *, near: bool,
-    ) -> Demands:  # fmt: skip
-        """Demands that clear what was found in frames (f,), and those of before; `near` also what is only near."""
+        *, near: np.ndarray,
+    ) -> tuple[Demands, np.ndarray]:  # fmt: skip
+        """Demands that clear what was found in frames (f,), and those of before; and which of them were found now (k,).
+
+        In frames `near` also what is only near is kept apart.
+        """
         c = self.model.character
         none = np.zeros(0, dtype=np.int64)
         empty = np.zeros((0, c.W.shape[1], c.d + 1)), np.zeros((0, c.d))
-        sets = [before or Demands(none, *empty, none, np.zeros(0), np.zeros((0, 3), dtype=np.int64))]
+        nothing = Demands(none, *empty, none, np.zeros(0), np.zeros((0, 3), dtype=np.int64))
         found = {frame: now.found[frame] for frame in run.tolist() if frame in now.found}
-        sets += self._of_itself(found, changes, change)
-        if near:
-            for frame, pose in zip(run.tolist(), changes.turned(run, change[run]), strict=True):
-                reach = max(BESIDE * c.L, WIDER * (self.distance or 0.0))
-                found[frame] = [*found.get(frame, []), *self._near(frame, pose, reach)]
+        fresh = [nothing, *self._of_itself(found, changes, change)]
+        for frame, entries in found.items():
+            fresh += self._of_places(frame, entries)
+        more = []
+        for frame, pose in zip(near.tolist(), changes.turned(near, change[near]), strict=True):
+            reach = max(BESIDE * c.L, WIDER * (self.distance or 0.0))
+            more += self._of_places(frame, self._near(frame, pose, reach))
+        every = joined([before or nothing, *fresh, *more])
+        return every, every.among(joined(fresh))
+
+    def _of_places(self, frame: int, entries: list[tuple[Any, ...]]) -> list[Demands]:
+        """Demands of contacts with others, and of places that are near."""
+        sets: list[Demands] = []
         # Where overlap is allowed, it is twice as thick as its deepest place is deep.
         least = 2 * self.least if self.distance is None else WIDER * self.distance
-        for frame, entries in found.items():
-            for kind, *rest in entries:
-                if kind == _MINE:
-                    sets += self._of_pair(frame, *rest)
-                elif kind == _NEAR:
-                    number, apart, places = rest
-                    chosen = _spread(-apart, MOST)
-                    of_other = 0 < number <= len(self.others)
-                    sets.append(self._on_skin(frame, places[chosen], number, self.least if of_other else least))
-                elif kind == _ITS:
-                    k, apart, places, y = rest
-                    chosen = _spread(-apart, 4 * MOST)
-                    sets.append(self._fixed(frame, y[chosen], k, places[chosen], self.least))
-        return joined(sets)
+        for kind, *rest in entries:
+            if kind == _MINE:
+                sets += self._of_pair(frame, *rest)
+            elif kind == _NEAR:
+                number, apart, places = rest
+                chosen = _spread(-apart, MOST)
+                of_other = 0 < number <= len(self.others)
+                sets.append(self._on_skin(frame, places[chosen], number, self.least if of_other else least))
+            elif kind == _ITS:
+                k, apart, places, y = rest
+                chosen = _spread(-apart, 4 * MOST)
+                sets.append(self._fixed(frame, y[chosen], k, places[chosen], self.least))
+        return sets
 
     def forget(self, run: np.ndarray) -> None:
         """Forget which part leaves which in some frames."""

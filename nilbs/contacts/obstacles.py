@@ -43,6 +43,12 @@ class Demands(NamedTuple):
         """Some of them."""
         return type(self)(*(part[rows] for part in self))
 
+    def among(self, others: Self) -> np.ndarray:
+        """Which of them (k,) others hold too."""
+        names = np.concatenate([np.column_stack([s.frame, s.obstacle, s.key]) for s in (self, others)])
+        number = np.unique(names, axis=0, return_inverse=True)[1].ravel()
+        return np.isin(number[: len(self.frame)], number[len(self.frame) :])
+
 
 def joined(sets: Sequence[Demands]) -> Demands:
     """All demands of several sets; of those with one frame, obstacle and key, the first."""

@@ -3,10 +3,11 @@ import pytest
 
 from nilbs.characters.motion import Motion
 from nilbs.contacts.blending import smallest_blend
-from nilbs.contacts.clearing import REACH, clear_motion, roughness
+from nilbs.contacts.clearing import REACH, SMOOTH, clear_motion, roughness, windows_near
 from nilbs.contacts.joint_changes import JointChanges
 from nilbs.contacts.least_change import least_change, smoothing_inverse
 from nilbs.contacts.self_contacts import SelfContactFinder
+from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.rotations import rotation_matrices, rotation_vectors
 
 
@@ -49,6 +50,30 @@ def test_a_chain_is_kept_from_itself(chains, rolling, d) -> None:
     values = found.values(motion, L)
     assert values["after"]["deepest_of_L"] == pytest.approx(depth.max() / L)
     assert values["summed_squared_change"] == pytest.approx((found.change**2).sum())
+
+
+def test_only_joints_that_matter_are_turned(chains) -> None:
+    """A chain that is twisted at its first joint rolls until it meets itself: it unrolls a little, the twist stays."""
+    model = chains[3]
+    s, L = model.character.skeleton, model.character.L
+    poses = []
+    for degrees in np.concatenate([np.full(10, 40.0), np.linspace(40, 65, 6), np.linspace(65, 40, 6), np.full(10, 40)]):
+        theta = np.zeros((len(s.BE), 3))
+        theta[1, 1], theta[2:, 2] = np.radians(170), np.radians(degrees)
+        poses.append(forward_kinematics(s.C, s.BE, s.P, theta))
+    motion = Motion(np.stack(poses), np.arange(len(poses)), "twisted", skeleton=s)
+    finder = SelfContactFinder(model, samples=3000)
+    found = clear_motion(model, motion, finder=finder)
+    assert len(found.remaining) == 0
+    depth = np.array([finder(B).depth.max(initial=0.0) for B in found.motion.B])
+    assert depth.max() < 0.005 * L < 0.02 * L < found.before.depth.max()
+
+    def bad(frames: np.ndarray, B: np.ndarray) -> np.ndarray:
+        return np.array([finder(pose).depth.max(initial=0.0) > 0.0045 * L for pose in B], dtype=bool)
+
+    ((run, ends),) = windows_near(motion, found.before.bad)
+    blend = smallest_blend(JointChanges(s, motion.B), run, bad, smooth=SMOOTH, ends=ends)
+    assert (found.change**2).sum() < 0.5 * (blend**2).sum()
 
 
 def test_what_is_clear_stays(chains, rolling) -> None:

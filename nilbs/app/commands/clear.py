@@ -66,13 +66,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Clear, write and report; the exit code."""
-    from tqdm import tqdm
-
     from nilbs.app.output import show
     from nilbs.app.poses import check_motion_options, motion_of_file, print_note
     from nilbs.characters.saving import check_outputs, save_character
     from nilbs.contacts.clearing import clear_motion
     from nilbs.contacts.self_contacts import SelfContactFinder
+    from nilbs.geometry.progress import progress_bar
     from nilbs.io import check_suffix
     from nilbs.models.model import load_model
 
@@ -91,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     motion = model.motion if args.motion is None else motion_of_file(args, model.character.skeleton)
     apart = max(args.apart, args.distance or 0.0) / 100
     finder = SelfContactFinder(model, samples=args.points, apart=apart, steps=args.steps)
-    with tqdm(desc="clearing", unit="round", delay=2) as bar:
+    with progress_bar(desc="clearing", unit="round") as bar:
         cleared = clear_motion(
             model,
             motion,
