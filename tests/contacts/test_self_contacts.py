@@ -5,6 +5,7 @@ from nilbs.contacts.self_contacts import SelfContactFinder, self_contacts, touch
 from nilbs.engine.other_roots import other_roots
 from nilbs.engine.unit_frame import at_rest
 from nilbs.geometry.distance import closest_points
+from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.winding import winding_number
 from nilbs.models.fitting import fit
 
@@ -57,6 +58,29 @@ def test_pairs_that_are_exempt_are_no_contacts(chain, rolled) -> None:
 
 def test_a_bent_chain_does_not_meet_itself(chain, rolled) -> None:
     assert len(self_contacts(chain, rolled(chain, 25)).depth) == 0
+
+
+def test_a_fold_is_no_contact(chain) -> None:
+    """Where skin folds inside a sharp bend, a place may have two canonical points but be covered once."""
+    c, s = chain.character, chain.character.skeleton
+    theta = np.zeros((BONES, 1 if c.d == 2 else 3))
+    theta[BONES // 2, -1] = np.radians(90)
+    pose = forward_kinematics(s.C, s.BE, s.P, theta)
+    finder = SelfContactFinder(chain, samples=20_000)
+    finder.exempt = np.eye(BONES, dtype=bool)  # neighbours are looked at, too
+    found, posed = finder(pose), chain.posed(pose)
+    unit = at_rest(c, finder.x_rest)
+    x = posed.posed_points(finder.x_rest)
+    other, _ = other_roots(chain.engine()(posed.frame.B), x, posed.frame.to_unit, unit)
+    w = winding_number(posed.U, c.F, x)
+    two = ~np.isnan(other[:, 0])
+    assert (two & (w > 0.9) & (w < 1.1)).sum() > 20
+    assert len(found.depth) > 10
+    assert (winding_number(posed.U, c.F, found.point) > 1.5).all()
+    # Of the points with two canonical points that the mesh covers twice, none is lost unless one part has both.
+    parts = [finder.part_of_facet[closest_points(c.V, c.F, p[two])[1]] for p in (finder.x_rest, other * c.L + c.center)]
+    lost = np.setdiff1d(np.flatnonzero(two)[(w[two] > 1.5) & (parts[0] != parts[1])], found.sample)
+    assert len(lost) <= 0.02 * len(found.sample)
 
 
 def test_neighbours_are_exempt(chain) -> None:
