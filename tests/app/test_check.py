@@ -1,14 +1,21 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
 
 from nilbs.app.commands.check import FILES
+from nilbs.models.model import load_model
 
 
 def test_files_and_output(assets, nilbs, tmp_path):
-    words = ("check", assets / "bar3.nilbs", "--points", 2000, "--against", assets / "bar3.nilbs", "--out", tmp_path)
+    model = load_model(assets / "bar3.nilbs")
+    B = model.motion.B.copy()
+    B[:, :, :2, 3] += 0.1, 0.2
+    replace(model, motion=replace(model.motion, B=B, curves=())).save(tmp_path / "beside.nilbs")
+    other = tmp_path / "beside.nilbs"
+    words = ("check", assets / "bar3.nilbs", "--points", 2000, "--against", other, "--out", tmp_path)
     status, out, _ = nilbs(*words)
     assert status == 0
     assert (tmp_path / FILES[1]).read_text() == out
@@ -19,8 +26,8 @@ def test_files_and_output(assets, nilbs, tmp_path):
     assert len(np.unique(colours, axis=0)) > 2
     found = json.loads((tmp_path / FILES[0]).read_text())
     with_itself, with_other = found["contacts"]
-    assert (with_itself["with"], with_other["with"]) == ("itself", "bar3")
-    # Two bones are neighbours, so that the body does not meet itself; but it lies where its copy does.
+    assert (with_itself["with"], with_other["with"]) == ("itself", "beside")
+    # Two bones are neighbours, so that the body does not meet itself; but its copy is a little beside it.
     assert with_itself["frames_in_contact"] == 0
     assert found["exempt"] == [["bone0", "bone1"]]
     frames = with_other["frames"]
