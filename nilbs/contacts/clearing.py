@@ -99,7 +99,7 @@ def clear_motion(
     finder: SelfContactFinder | None = None,
     rounds: int = ROUNDS,
     smooth: float = SMOOTH,
-    step: Callable[[], object] = lambda: None,
+    step: Callable[[int], object] = lambda left: None,
 ) -> Cleared:
     """The least change of a motion's joint angles that keeps parts apart.
 
@@ -122,7 +122,7 @@ def clear_motion(
     smooth : float
         Frames over which changes are smoothed.
     step : function
-        Called after each round.
+        Called after each round with the number of frames that are not clear.
 
     Returns
     -------
@@ -161,7 +161,7 @@ class _Clearing:
         before: Reached,
         smooth: float,
         rounds: int,
-        step: Callable[[], object],
+        step: Callable[[int], object],
     ) -> None:
         skeleton, self.L = finders.model.character.skeleton, finders.model.character.L
         self.finders, self.motion, self.now, self.smooth, self.most, self.step = (
@@ -227,7 +227,7 @@ class _Clearing:
                     run, demands, change, stiff, longest, extra, moving=fresh if local else None
                 )
             now = self._look(run, change)
-            self.step()
+            self.step(int(now.bad.sum()))
             tried = self._tried(run, change, now)
             settled = tried.clear and tried.cost(run) > SETTLED * best.cost(run)
             if not near and not local and k > 0 and now.bad[run].sum() > FEWER * best.reached.bad[run].sum():

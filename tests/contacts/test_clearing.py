@@ -63,8 +63,9 @@ def test_only_joints_that_matter_are_turned(chains) -> None:
         poses.append(forward_kinematics(s.C, s.BE, s.P, theta))
     motion = Motion(np.stack(poses), np.arange(len(poses)), "twisted", skeleton=s)
     finder = SelfContactFinder(model, samples=3000)
-    found = clear_motion(model, motion, finder=finder)
-    assert len(found.remaining) == 0
+    left: list[int] = []
+    found = clear_motion(model, motion, finder=finder, step=left.append)
+    assert (len(found.remaining), len(left), left[-1]) == (0, found.rounds, 0)
     depth = np.array([finder(B).depth.max(initial=0.0) for B in found.motion.B])
     assert depth.max() < 0.005 * L < 0.02 * L < found.before.depth.max()
 

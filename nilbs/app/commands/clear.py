@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     motion = model.motion if args.motion is None else motion_of_file(args, model.character.skeleton)
     apart = max(args.apart, args.distance or 0.0) / 100
     finder = SelfContactFinder(model, samples=args.points, apart=apart, steps=args.steps)
-    with progress_bar(desc="clearing", unit="round") as bar:
+    with progress_bar(total=len(motion), desc="clearing", unit="frame") as bar:
         cleared = clear_motion(
             model,
             motion,
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
             against=tuple(others.values()),
             finder=finder,
             rounds=args.rounds,
-            step=bar.update,
+            step=lambda left: bar.update(len(motion) - left - bar.n),
         )
     (written,) = save_character(model.character, args.output, motion=cleared.motion)
     for note in written.notes:
