@@ -63,6 +63,7 @@ class Body:
         self.theta = np.zeros((len(c.skeleton.BE), 3 if c.d == 3 else 1))
         self.offset = np.zeros(c.d)
         self.V, self.W, self.F = (c.V, c.W, c.F) if c.d == 3 else (c.V_volume, c.W_volume, c.T)
+        self._clip_pose: tuple[float, np.ndarray] = np.nan, np.zeros(0)  # of the motion, at the last time
         self._baselines: dict[str, Model] = {model.method.name: model} if model.method.name in untrained() else {}
 
     @classmethod
@@ -77,7 +78,9 @@ class Body:
 
     def pose(self, seconds: float) -> np.ndarray:
         """The pose (b, d+1, d+1) at a time of the motion, turned and moved by hand."""
-        B = turned(self.character.skeleton, self.motion.at(seconds=seconds), self.theta)
+        if self._clip_pose[0] != seconds:  # it stays the same while a bone is turned by hand
+            self._clip_pose = seconds, self.motion.at(seconds=seconds)
+        B = turned(self.character.skeleton, self._clip_pose[1], self.theta)
         if self.offset.any():
             B = B.copy()
             B[:, :-1, -1] += self.offset
@@ -157,6 +160,7 @@ class Scene:
         self.stopped = False
         self._condition = Condition()
         self._version = self._moved = 0
+        self._last: Shot | None = None
 
     @property
     def d(self) -> int:
@@ -196,7 +200,10 @@ class Scene:
             self._condition.notify_all()
 
     def _shot(self) -> Shot:
+        if self._last is not None and self._last.version == self._version:
+            return self._last  # for another thread that draws
         first, *others = self.bodies
         poses = [first.pose(self.clip.start + self.player.time)]
         poses += [body.pose(float(body.motion.times[0]) + self.player.time) for body in others]
-        return Shot(self._version, self._moved, tuple(poses))
+        self._last = Shot(self._version, self._moved, tuple(poses))
+        return self._last
