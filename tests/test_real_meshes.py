@@ -49,8 +49,8 @@ def test_the_arm_is_filled_and_its_weights_are_those_of_the_authors(arm: nilbs.C
     assert is_watertight(arm.F)
     volumes = element_volumes(arm.V_volume, arm.T)
     assert volumes.min() > 0
-    assert volumes.sum() == pytest.approx(enclosed_volume(arm.V, arm.F), rel=1e-9)
-    np.testing.assert_allclose(arm.V_volume[: len(arm.V)], arm.V, atol=1e-12 * arm.L)
+    # Its few bones are solved for inside a surface of fewer triangles, of the same shape.
+    assert volumes.sum() == pytest.approx(enclosed_volume(arm.V, arm.F), rel=5e-3)
     assert_on_the_simplex(arm.W_volume)
     theirs = read_weights(data / "arm" / "arm-weights.dmat")
     assert np.abs(arm.W - theirs).mean() <= 0.012

@@ -120,7 +120,8 @@ def _spatial(
     from nilbs.geometry.copyleft.tetrahedra import conforming_tetrahedra
 
     notes: list[str] = []
-    facets, elements = (FEW_FACETS, FEW_ELEMENTS) if len(points) < FEW_POINTS else (1, 1)
+    # Without a point the weights are given, and their steep places unknown.
+    facets, elements = (FEW_FACETS, FEW_ELEMENTS) if 0 < len(points) < FEW_POINTS else (1, 1)
     for V_closed, F_closed, note in _closed_surfaces(V, F, coarseness, facets):
         notes += note
         distance, _, _ = closest_points(V_closed, F_closed, points)
