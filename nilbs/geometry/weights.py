@@ -93,6 +93,8 @@ def bounded_biharmonic_weights(
     .. [2] Boyd et al., Distributed optimization and statistical learning via the alternating direction method of
        multipliers, 2011, doi:10.1561/2200000016.
     .. [3] Duchi et al., Efficient projections onto the l1-ball, ICML 2008, doi:10.1145/1390156.1390191.
+    .. [4] Zhang et al., Accelerating ADMM for efficient simulation and optimization, SIGGRAPH Asia 2019,
+       doi:10.1145/3355089.3356491.
 
     Examples
     --------
