@@ -62,6 +62,8 @@ def gathered(thing: Any, rig: Any) -> dict[str, np.ndarray]:
     world = np.array(thing.matrix_world)
     V = np.array([vertex.co for vertex in thing.data.vertices]) @ world[:3, :3].T + world[:3, 3]
     bones = [bone for bone in rig.data.bones if bone.use_deform]
+    if not bones:
+        raise SystemExit(f"{rig.name}: no bone deforms; switch Deform on for the bones that move the mesh")
     number = {bone.name: k for k, bone in enumerate(bones)}
     frame = np.array(rig.matrix_world)
     ends = np.array([end for bone in bones for end in (bone.head_local, bone.tail_local)])
@@ -98,14 +100,21 @@ def bring_back(thing: Any, rig: Any, what: tuple[str, ...] = ("surface", "contac
         source, target = Path(folder) / "given.npz", Path(folder) / "found.npz"
         arrays: dict[str, Any] = {"what": np.array(what), "resolution": resolution, **gathered(thing, rig)}
         np.savez(source, **arrays)
-        command: list[str | Path] = [os.environ.get("NILBS_PYTHON", "python3"), __file__, "compute", source, target]
+        script = Path(__file__)
+        if not script.is_file():  # in Blender's text editor
+            script = Path(folder) / "nilbs_model.py"
+            script.write_text(bpy.data.texts[Path(__file__).name].as_string(), encoding="utf-8")
+        command: list[str | Path] = [os.environ.get("NILBS_PYTHON", "python3"), script, "compute", source, target]
         # Blender's own variables would lead the other Python to Blender's libraries.
         environment = {
             name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "LD_LIBRARY_PATH")
         }
-        done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, env=environment)
+        except FileNotFoundError:
+            raise SystemExit(f"there is no {command[0]}: set NILBS_PYTHON to a Python that has nilbs") from None
         if done.returncode:
-            raise RuntimeError(f"{command[0]} failed: {(done.stderr.strip().splitlines() or ['without a word'])[-1]}")
+            raise RuntimeError(f"{command[0]} failed: {(done.stderr.strip().splitlines() or ['no error message'])[-1]}")
         print(done.stdout, end="")
         with np.load(target) as found:
             U, F, depth = found["U"], found["F"], found["depth"]

@@ -87,18 +87,18 @@ def smallest_move(
         middle = (low + high) / 2
         wrong = is_bad(middle, some)
         low[some[wrong]], high[some[~wrong]] = middle[some[wrong]], middle[some[~wrong]]
-    inverse = smoothing_inverse(len(run), smooth, from_rest=ends[0], to_rest=ends[1])
-    # Frames and shares that are known to be clear.
-    least, known = high, np.where(np.isin(every, some), np.nan, 0.0)
+    inverse = smoothing_inverse(len(run), smooth, held_before=ends[0], held_after=ends[1])
+    # The share of each frame that was found to be clear.
+    least, is_clear = high, np.where(np.isin(every, some), np.nan, 0.0)
     for k in range(INCREASES):
         share = least_change(every, np.ones((len(run), 1)), least, inverse, smooth=smooth)[:, 0]
         share = np.where((share < LEAST) & (least == 0), 0.0, np.clip(share, 0.0, 1.0))
-        asked = np.flatnonzero(share != known)
-        wrong = asked[is_bad(share, asked)]
+        tested = np.flatnonzero(share != is_clear)
+        wrong = tested[is_bad(share, tested)]
         if not len(wrong):
             return at(share)
-        known[asked] = share[asked]
-        known[wrong] = np.nan
+        is_clear[tested] = share[tested]
+        is_clear[wrong] = np.nan
         least = least.copy()
         least[wrong] = np.minimum(1.05 * np.maximum(share, least)[wrong] + (k + 1) * INCREASE, 1.2)
     return None

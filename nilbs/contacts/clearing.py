@@ -15,25 +15,26 @@ from nilbs.contacts.obstacles import Demands
 from nilbs.contacts.self_contacts import SelfContactFinder
 from nilbs.models.model import Model
 
-# Frames around a contact that may change; rounds; frames over which a change is smoothed, and by how much it grows.
-REACH, ROUNDS, SMOOTH, SMOOTHER = 8, 40, 1.5, 1.15
-# Rounds from the motion itself, and those without a gain, where a blend with the rest pose is clear; rounds from that,
-# and what of the cost, at least, ends them.
-DIRECT, STALLED, NEAR, SETTLED = 20, 6, 12, 0.98
-# A round must leave fewer frames that are not clear than this share; and frames around these that are looked at closer.
-FEWER, AROUND = 0.9, 2
-# A stretch is cheap enough at this share of the cost of the blend.
-ENOUGH = 0.4
-# From a blend, what is cheaper by this is better although it is not clear.
-CHEAPER = 2.0
-# By how much more of the allowed depth is demanded in frames that are not clear, in each round after some.
-TIGHTER, PATIENT = 0.05, 6
-# Solutions between two searches for contacts, and the longest turn of one, in radians; from a blend, one, and shorter.
-INNER, STEP, SHORT = 2, 0.3, 0.1
-# Demands whose distance exceeds what is demanded by more, in units of L, are left out.
-IDLE = 0.05
-# The largest second difference that is free, in radians a frame squared, and of the motion's own.
-ROUGH, ROUGHER = np.radians(2.0), 2.0
+REACH = 8  # frames around a contact that may change
+ROUNDS = 40  # searches for contacts, at most
+SMOOTH = 1.5  # frames over which a change is smoothed
+SMOOTHER = 1.15  # factor of that after a solution that is too rough
+DIRECT = 20  # rounds from the motion itself, if a blend with the rest pose is clear
+STALLED = 6  # rounds without a gain that end these
+FEWER = 0.9  # a round that leaves more than this share of the frames that are not clear is without a gain
+NEAR = 12  # rounds from the blend
+SETTLED = 0.98  # a clear round from the blend that costs more than this share of the best one ends them
+ENOUGH = 0.4  # a change that costs no more than this share of the blend is not searched for from there too
+CHEAPER = 2.0  # from the blend, what costs so many times less is better although it is not clear
+AROUND = 2  # frames around one that is not clear in which places that are only near are kept apart
+PATIENT = 6  # rounds after which more is demanded in frames that are not clear:
+TIGHTER = 0.05  # this share of the allowed depth in each
+INNER = 2  # solutions between two searches for contacts
+STEP = 0.3  # the longest turn of one, in radians
+SHORT = 0.1  # that of small moves
+IDLE = 0.05  # of L: demands that are met by more are left out
+ROUGH = np.radians(2.0)  # second differences of joints up to this, in radians per frame squared, are free
+ROUGHER = 2.0  # so are those up to so many times the largest of the motion
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,8 @@ class Cleared:
         What is in contact in each frame.
     remaining : (k,) int array
         Frames that are not clear.
+    roughness : (float, float)
+        The largest second differences of the joints before and after, in radians per frame squared.
     rounds : int
         Searches for contacts.
     """
@@ -59,13 +62,18 @@ class Cleared:
     before: Reached
     after: Reached
     remaining: np.ndarray
+    roughness: tuple[float, float]
     rounds: int
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the joints turn not much more suddenly than before."""
+        return self.roughness[1] <= max(ROUGH, ROUGHER * self.roughness[0])
 
     def values(self, original: Motion, L: float) -> dict[str, Any]:
         """Numbers before and after, as JSON holds them; lengths also as shares of L, angles in degrees."""
-        rough = [rough_of_clips(m) for m in (original, self.motion)]
         sides = []
-        for reached, second in zip((self.before, self.after), rough, strict=True):
+        for reached, second in zip((self.before, self.after), self.roughness, strict=True):
             deepest, nearest = float(reached.depth.max(initial=0.0)), float(reached.distance.min(initial=np.inf))
             sides.append(
                 {
@@ -85,6 +93,7 @@ class Cleared:
             "summed_squared_change": float((self.change**2).sum()),
             "frames_changed": int(self.change.any(axis=(1, 2)).sum()),
             "rounds": self.rounds,
+            "smooth": self.smooth,
             "not_clear": frames,
         }
 
@@ -132,7 +141,8 @@ def clear_motion(
     Raises
     ------
     ValueError
-        If the model has no compiled search, or as for all queries.
+        If the model has no compiled search, the motion is not of its skeleton, another model has another dimension,
+        or a number is out of range.
 
     Notes
     -----
@@ -141,14 +151,23 @@ def clear_motion(
     distances are linearised at the present change, and the quadratic problem is solved in its dual; then contacts are
     searched again, and demands that were found stay. Roots neither move nor change their size.
     """
-    L = model.character.L
+    c = model.character
+    if motion.skeleton is None or motion.B.shape[1] != len(c.skeleton.BE):
+        raise ValueError(f"the motion is not of the skeleton of {c.name}, which has {len(c.skeleton.BE)} bones")
+    if wrong := [o.character.name for o in against if o.character.d != c.d]:
+        raise ValueError(f"{wrong[0]} has another dimension than {c.name}, which has {c.d}")
+    for name, number in {"depth": depth, "distance": distance or 0.0, "rounds": rounds, "smooth": smooth}.items():
+        if not 0 <= number < np.inf:
+            raise ValueError(f"{name} must be a number of at least 0, got {number}")
+    L = c.L
     finders = Finders(model, motion, against, depth * L, None if distance is None else distance * L, finder)
     before = finders.reached(np.arange(len(motion)), motion.B)
     work = _Clearing(finders, motion, before, smooth, rounds, step)
-    for run, _ in windows_near(motion, before.bad):
-        work.clear(run)
+    for run, held in windows_near(motion, before.bad):
+        work.clear(run, held)
     cleared = replace(motion, B=work.poses, curves=()) if before.bad.any() else motion
-    return Cleared(cleared, work.change, before, work.now, np.flatnonzero(work.now.bad), work.rounds)
+    rough = rough_of_clips(motion), rough_of_clips(cleared)
+    return Cleared(cleared, work.change, before, work.now, np.flatnonzero(work.now.bad), rough, work.rounds)
 
 
 class _Clearing:
@@ -164,27 +183,23 @@ class _Clearing:
         step: Callable[[int], object],
     ) -> None:
         skeleton, self.L = finders.model.character.skeleton, finders.model.character.L
-        self.finders, self.motion, self.now, self.smooth, self.most, self.step = (
-            finders,
-            motion,
-            before,
-            smooth,
-            rounds,
-            step,
-        )
+        self.finders, self.motion, self.now = finders, motion, before
+        self.smooth, self.most, self.step = smooth, rounds, step
+        self.held = False, False  # whether frames before and after the window stay as they are
         self.changes = JointChanges(skeleton, motion.B)
         self.change = np.zeros((*motion.B.shape[:2], self.changes.r))
         self.poses = motion.B.copy()
         self.rounds = 0
         self._blends: dict[int, _Tried | None] = {}
 
-    def clear(self, run: np.ndarray) -> None:
+    def clear(self, run: np.ndarray, held: tuple[bool, bool]) -> None:
         """Clear a window: from the motion itself; from a blend with the rest pose, too, if that is not much dearer."""
+        self.held = held
         found, blend = self._descend(run, self.change, near=False), self._blended(run)
         if blend is not None:
             found = self._repaired(run, found, blend)
             if not found.clear or found.cost(run) > ENOUGH * blend.cost(run):
-                self.finders.forget(run)
+                self.finders.clear_sides(run)
                 near = self._repaired(run, self._descend(run, blend.change, near=True), blend)
                 found = min(found, near, blend, key=lambda tried: tried.rank(run))
         self.change = found.change
@@ -246,7 +261,7 @@ class _Clearing:
                 break
             turns = smallest_move(
                 self.changes, run, tried.change[run], target.change[run], self._bad, smooth=smooth,
-                ends=_held(self.motion, run),
+                ends=self.held,
             )  # fmt: skip
             if turns is not None:
                 change = tried.change.copy()
@@ -276,14 +291,13 @@ class _Clearing:
         slope = gaps.slope.reshape(len(gaps.distance), -1) / self.L
         present = (slope * change[demands.frame].reshape(len(slope), -1)).sum(axis=1)
         missing = (demands.least - gaps.distance) / self.L + extra[demands.frame]
-        wanted = missing + present
+        demanded = missing + present
         if moving is not None:
-            missing = wanted = np.where(moving, missing, np.minimum(missing, 0.0))
+            missing = demanded = np.where(moving, missing, np.minimum(missing, 0.0))
         mine = np.flatnonzero(missing > -IDLE)
         found = change.copy()
-        before, after = _held(self.motion, run)
-        inverse = smoothing_inverse(len(run), stiff, from_rest=before, to_rest=after)
-        new = least_change(demands.frame[mine] - run[0], slope[mine], wanted[mine], inverse, smooth=stiff)
+        inverse = smoothing_inverse(len(run), stiff, held_before=self.held[0], held_after=self.held[1])
+        new = least_change(demands.frame[mine] - run[0], slope[mine], demanded[mine], inverse, smooth=stiff)
         move = new.reshape(len(run), *change.shape[1:]) - (change[run] if moving is None else 0.0)
         longest = np.linalg.norm(move, axis=-1).max(initial=0.0)
         found[run] = change[run] + move * min(1.0, longest_step / max(longest, 1e-12))
@@ -291,10 +305,7 @@ class _Clearing:
 
     def _is_smooth(self, run: np.ndarray, change: np.ndarray) -> bool:
         """Whether second differences are at most those that are free."""
-        starts = np.array([start for _, start in self.motion.clips] or [0])
-        begin = int(starts[np.searchsorted(starts, run[0], side="right") - 1])
-        end = int(np.append(starts, len(self.motion))[np.searchsorted(starts, run[0], side="right")])
-        frames = np.arange(begin, end)
+        frames = next(np.arange(begin, end) for begin, end in stretches(self.motion) if begin <= run[0] < end)
         old, new = self.changes.rotations(frames), self.changes.rotations(frames, change[frames])
         return roughness(new) <= max(ROUGH, ROUGHER * roughness(old))
 
@@ -305,8 +316,7 @@ class _Clearing:
         """The change of all frames with a window blended with the rest pose, so that it is clear."""
         first = int(run[0])
         if first not in self._blends:
-            ends = _held(self.motion, run)
-            turns = smallest_blend(self.changes, run, self._bad, smooth=self.smooth, ends=ends)
+            turns = smallest_blend(self.changes, run, self._bad, smooth=self.smooth, ends=self.held)
             self._blends[first] = None
             if turns is not None:
                 change = self.change.copy()
@@ -333,19 +343,19 @@ class _Tried(NamedTuple):
 
 def windows_near(motion: Motion, bad: np.ndarray) -> list[tuple[np.ndarray, tuple[bool, bool]]]:
     """Runs of frames that may change, near one that is not clear and in one clip; and which of their sides are held."""
-    found: list[np.ndarray] = []
-    starts = [start for _, start in motion.clips] or [0]
-    for begin, end in zip(starts, [*starts[1:], len(motion)], strict=True):
+    found: list[tuple[np.ndarray, tuple[bool, bool]]] = []
+    for begin, end in stretches(motion):
         near = np.convolve(bad[begin:end], np.ones(2 * REACH + 1), mode="full")[REACH : REACH + end - begin] > 0.5
         frames = begin + np.flatnonzero(near)
-        found += [run for run in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(run)]
-    return [(run, _held(motion, run)) for run in found]
+        runs = [run for run in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(run)]
+        found += [(run, (int(run[0]) > begin, int(run[-1]) + 1 < end)) for run in runs]
+    return found
 
 
-def _held(motion: Motion, run: np.ndarray) -> tuple[bool, bool]:
-    """Whether frames of the same clip come before a run, and after it: they stay as they are."""
+def stretches(motion: Motion) -> list[tuple[int, int]]:
+    """The first frame of each clip of a motion, and the one after its last."""
     starts = [start for _, start in motion.clips] or [0]
-    return int(run[0]) not in starts, int(run[-1]) + 1 not in [*starts[1:], len(motion)]
+    return list(zip(starts, [*starts[1:], len(motion)], strict=True))
 
 
 def roughness(theta: np.ndarray) -> float:
@@ -371,8 +381,6 @@ def roughness(theta: np.ndarray) -> float:
 
 def rough_of_clips(motion: Motion) -> float:
     """`roughness` of the joints of a motion, the largest of its clips'."""
-    assert motion.skeleton is not None
-    starts = [start for _, start in motion.clips] or [0]
+    assert motion.skeleton is not None  # `clear_motion` checks it
     theta = JointChanges(motion.skeleton, motion.B).rotations(np.arange(len(motion)))
-    ends = [*starts[1:], len(motion)]
-    return max(roughness(theta[begin:end]) for begin, end in zip(starts, ends, strict=True))
+    return max(roughness(theta[begin:end]) for begin, end in stretches(motion))

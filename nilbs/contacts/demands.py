@@ -1,6 +1,6 @@
 """What is too near in the frames of a motion, and the distances that clearing it demands."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from nilbs.characters.motion import Motion
 from nilbs.contacts.joint_changes import JointChanges
 from nilbs.contacts.obstacles import Demands, Obstacles, joined
-from nilbs.contacts.pairs import contacts, skin_places
+from nilbs.contacts.pairs import Contacts, contacts, skin_places
 from nilbs.contacts.self_contacts import SelfContactFinder, near_along
 from nilbs.engine.surface_tree import PosedSurface
 from nilbs.geometry.facets import facet_normals
@@ -17,7 +17,7 @@ from nilbs.models.model import Model
 
 # Of the depth that is allowed: a contact no deeper than the first is clear; the second is what is demanded.
 CLEAR, TARGET = 0.9, 0.8
-# More than the distance that is kept, so that it is kept between the places that are looked at.
+# More than the distance that is kept, so that it is kept between the places that are searched.
 WIDER = 1.1
 # Demands of a pair of parts in a frame, and places on a skin.
 MOST, PLACES = 6, 4000
@@ -30,6 +30,11 @@ ALIKE = 0.05
 # Cosines of places that face each other: of the way from one to its normal, and of both normals.
 FACING, OPPOSED = 0.7, 0.3
 _SELF, _MINE, _ITS, _NEAR = range(4)
+# The kind of a demand begins its key; of a contact on another body's skin it is this plus the body's number, of a place
+# there that is only near it is below zero.
+_FIRST_OTHER = 4
+# Barycentric coordinates in a key are whole multiples of one over this.
+PER_UNIT = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -41,11 +46,12 @@ class Reached:
     count, depth : (t,) int and float arrays
         Places in contact, and how deep the deepest is, in mesh units.
     distance : (t,) float array
-        The smallest distance between parts, where one is to be kept; else inf.
+        The smallest distance between parts, in mesh units, where one is to be kept, and less the depth in a contact;
+        inf where none is near.
     bad : (t,) bool array
         Frames that are not clear.
-    found : list of (frame, kind, ...) tuples
-        What is wrong in them.
+    found : dict of int to list of (kind, ...) tuples
+        What was found in each of them.
     """
 
     count: np.ndarray
@@ -88,7 +94,7 @@ class Finders:
         self._linked = near_along(c.skeleton.P, 1)
         self._part = self.finder.part_of_facet[self._skin.facet]
 
-    def _pose_of(self, other: Model):  # type: ignore[no-untyped-def]
+    def _pose_of(self, other: Model) -> Callable[[int], np.ndarray]:
         return lambda frame: other.motion.at(seconds=float(self.motion.times[frame]))
 
     def reached(
@@ -194,8 +200,8 @@ class Finders:
                 sets.append(self._fixed(frame, y[chosen], k, places[chosen], self.least))
         return sets
 
-    def forget(self, run: np.ndarray) -> None:
-        """Forget which part leaves which in some frames."""
+    def clear_sides(self, run: np.ndarray) -> None:
+        """Choose anew which part leaves which in some frames."""
         frames = set(run.tolist())
         self._sides = {key: side for key, side in self._sides.items() if key[2] not in frames}
 
@@ -204,20 +210,21 @@ class Finders:
         """The distance that is demanded between skins; negative where they may overlap."""
         return -TARGET * self.depth if self.distance is None else self.distance
 
-    def _of_pair(self, frame: int, k: int, pair) -> list[Demands]:  # type: ignore[no-untyped-def]
-        """Demands of contacts with another body: from both sides, since both are looked at."""
+    def _of_pair(self, frame: int, k: int, pair: Contacts) -> list[Demands]:
+        """Demands of contacts with another body: from both sides, since both are searched."""
         deep, sets = pair.depth > TARGET * self.depth if self.distance is None else pair.depth >= 0, []
         mine, its = np.flatnonzero(deep & ~pair.of_b), np.flatnonzero(deep & pair.of_b)
         mine, its = mine[_spread(pair.depth[mine], 4 * MOST)], its[_spread(pair.depth[its], 4 * MOST)]
         c, d = self.model.character, self.model.character.d
-        number = np.round(pair.barycentric * 1e6).astype(np.int64)  # tells places on a facet apart
-        keys = np.stack([np.full(len(pair.depth), _MINE), pair.facet, number @ (1 + np.arange(d))], axis=1)
+        # Two coordinates of a place on a facet decide the third.
+        first, second = np.round(pair.barycentric[:, :2].T * PER_UNIT).astype(np.int64)
+        keys = np.stack([np.full(len(pair.depth), _MINE), pair.facet, first * (PER_UNIT + 1) + second], axis=1)
         if len(mine):
             home = _homes(c.V, c.F, c.W, pair.facet[mine], pair.barycentric[mine])
             sets.append(self._set(frame, home, np.zeros((len(mine), d)), 1 + k, self.least, keys[mine]))
         if len(its):
             home = np.zeros((len(its), c.W.shape[1], d + 1))
-            keys[:, 0] = 4 + k
+            keys[:, 0] = _FIRST_OTHER + k
             sets.append(self._set(frame, home, pair.point[its], 0, self.least, keys[its]))
         return sets
 
@@ -311,9 +318,9 @@ class Finders:
         for (p, o), frames in pairs.items():
             frames = sorted(set(frames))
             for run in np.split(np.array(frames), np.flatnonzero(np.diff(frames) > 3) + 1):
-                known = [self._sides[p, o, f] for f in range(run[0] - 3, run[-1] + 4) if (p, o, f) in self._sides]
-                if known:
-                    side = max(set(known), key=known.count)
+                sides = [self._sides[p, o, f] for f in range(run[0] - 3, run[-1] + 4) if (p, o, f) in self._sides]
+                if sides:
+                    side = max(set(sides), key=sides.count)
                 else:
                     # A part that has no place that leaves cannot be the one.
                     far = {

@@ -9,20 +9,20 @@ ACTS, SOFT = 8.0, 1e-4
 ITERATIONS = 400
 
 
-def smoothing_inverse(n: int, smooth: float, *, from_rest: bool, to_rest: bool) -> np.ndarray:
+def smoothing_inverse(n: int, smooth: float, *, held_before: bool, held_after: bool) -> np.ndarray:
     """Inverse (n, n) of I + smooth^4 D^T D, where D takes second differences of n frames.
 
-    Where the frames before or after are held at zero (`from_rest`, `to_rest`), their differences count too.
+    Where the frames before or after are held at zero (`held_before`, `held_after`), their differences count too.
 
     Examples
     --------
-    >>> smoothing_inverse(2, 0.0, from_rest=True, to_rest=True).tolist()
+    >>> smoothing_inverse(2, 0.0, held_before=True, held_after=True).tolist()
     [[1.0, 0.0], [0.0, 1.0]]
     """
     D = np.zeros((n + 2, n + 4))
     k = np.arange(n + 2)
     D[k, k], D[k, k + 1], D[k, k + 2] = 1.0, -2.0, 1.0
-    D = D[0 if from_rest else 2 : None if to_rest else n][:, 2 : n + 2]
+    D = D[0 if held_before else 2 : None if held_after else n][:, 2 : n + 2]
     return np.linalg.inv(np.eye(n) + smooth**4 * D.T @ D)
 
 
@@ -36,8 +36,9 @@ def least_change(
     frame : (k,) int array
         Of n frames.
     slope : (k, v) float array
-        The change c makes slope . c[frame] at least
+        How each demand's value grows with the change of its frame.
     demand : (k,) float array
+        The least value of slope[k] . change[frame[k]].
     inverse : (n, n) float array
         As of `smoothing_inverse`.
     smooth : float

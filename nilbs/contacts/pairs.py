@@ -90,7 +90,7 @@ def contacts(
     pose_a, pose_b : (b, d+1, d+1) float array
         Their bone transforms, rest to posed, into one world.
     skins : (Skin, Skin), optional
-        Places on the skins of a and b that are looked at, from `skin_places`; by default the vertices.
+        Places on the skins of a and b that are searched, from `skin_places`; by default the vertices.
 
     Returns
     -------

@@ -49,9 +49,10 @@ def first_touches(
     pose_start, pose_end : (b, d+1, d+1) float array
         Bone transforms, rest to posed. Between, local rotations are slerped.
     radius : float or (n,) float array
-        Of balls around the points, in mesh units. Points on a segment whose balls cover it are a swept segment.
+        Of balls around the points, in mesh units, at least 0. Points on a segment whose balls cover it are a swept
+        segment.
     resolution : float
-        The shortest share of the movement that is looked at: times are exact to this.
+        The shortest share of the movement that is evaluated. A time may be early: what is within `near` touches.
 
     Returns
     -------
@@ -60,13 +61,13 @@ def first_touches(
     Raises
     ------
     ValueError
-        As for all queries, if shapes disagree, or resolution is not between 0 and 1.
+        As for all queries, if shapes disagree, a radius is negative, or resolution is not between 0 and 1.
 
     Notes
     -----
     Conservative advancement [1]_ on common times: the distance to the skin changes no faster than the point and the
     skin together move. So a point that is farther from the skin in the middle of an interval than both can move in half
-    of it touches nothing there; where it is not, the halves are looked at, the earlier first. The speed of the skin is
+    of it touches nothing there; where it is not, the halves are searched, the earlier first. The speed of the skin is
     bounded bone by bone, by the turns of all bones above it and the lengths of their arms.
 
     References
@@ -92,7 +93,9 @@ def first_touches(
     if not 0 < resolution <= 1:
         raise ValueError(f"resolution must be above 0 and at most 1, got {resolution}")
     n = len(start)
-    radius = np.broadcast_to(np.asarray(radius, dtype=np.float64), n)
+    (radius,) = arrays(radius=(np.broadcast_to(radius, n) if np.ndim(radius) == 0 else radius, f"{n}"))
+    if radius.min(initial=0) < 0:
+        raise ValueError(f"radius[{int(radius.argmin())}] is negative")
     speed = np.linalg.norm(end - start, axis=1) + skin_speed(model, pose_start, pose_end)
     levels = int(np.ceil(np.log2(1 / resolution)))
     near = radius + speed * 0.5**levels / 2
@@ -109,11 +112,9 @@ def first_touches(
         x = start[rows] + middle * (end - start)[rows]
         posed = model.posed(pose)
         distance = posed.surface.distance(x)
-        inside = np.flatnonzero(distance > radius[rows] + speed[rows] * half)
-        # What is deep inside is far from the skin, too.
-        deep = inside[posed.occupancy(x[inside]) > 0.5]
+        far = np.flatnonzero(distance > radius[rows] + speed[rows] * half)
         close = np.ones(len(rows), dtype=bool)
-        close[np.setdiff1d(inside, deep)] = False
+        close[far] = posed.occupancy(x[far]) > 0.5  # what is deep inside is far from the skin, too
         if level == levels:
             time[rows[close]] = begin
         else:

@@ -72,7 +72,7 @@ def pair_timeline(
 ) -> Timeline:
     """Where a body meets another one, which moves as it was trained to at the same time, in each frame.
 
-    So many places on each skin are looked at.
+    So many places on each skin are searched.
     """
     bodies, frames = (model.character, other.character), []
     on_model, on_other = (skin_places(c.V, c.F, samples=samples) for c in bodies)

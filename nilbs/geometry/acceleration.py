@@ -4,7 +4,7 @@ import numpy as np
 
 # Of the size of the steps: added, so that steps which hardly differ do no harm.
 SAFE = 1e-10
-# A step that is so many times as long as the one before was a wrong guess.
+# A step that is so many times as long as the one before was extrapolated too far.
 LONGER = 1.5
 
 
@@ -21,7 +21,7 @@ class Anderson:
     Notes
     -----
     Type II of [1]_: of the last points, the weighted combination whose step is the shortest, as if the map were linear.
-    Where the guess made the step longer, all is forgotten and the map goes on alone.
+    Where that made the step longer, the steps before are dropped and the map goes on alone.
 
     References
     ----------

@@ -14,7 +14,7 @@ class Layer(Protocol):
         """What the drawing depends on: it is drawn again when this changes."""
 
     def draw(self, shot: Shot) -> None:
-        """Draw it; a ValueError or an ImportError goes to `fail`."""
+        """Draw it; errors that a user may cause go to `fail`."""
 
     def fail(self, error: Exception) -> None:
         """Show why it could not be drawn."""

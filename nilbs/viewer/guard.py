@@ -1,11 +1,12 @@
-"""Who may talk to the page: checked before a file is sent or a websocket is accepted."""
+"""Which requests the page accepts: checked before a file is sent or a websocket is accepted."""
 
+import hashlib
 import ipaddress
 import secrets
 import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
+from functools import cache
 from urllib.parse import parse_qs, urlsplit
 
 # A page that is framed by another can be clicked without being seen.
@@ -15,7 +16,6 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-COOKIE = "nilbs-view"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
@@ -37,7 +37,7 @@ class Guard:
     @classmethod
     def of(cls, host: str) -> "Guard":
         """A guard with a new random token, without one where only this machine is served."""
-        return cls(host, None if host in LOOPBACK else secrets.token_urlsafe(24))
+        return cls(host, None if host.lower() in LOOPBACK else secrets.token_urlsafe(24))
 
     def refusal(self, path: str, headers: Mapping[str, str]) -> str | None:
         """Why a request is refused; None if it may pass.
@@ -66,7 +66,7 @@ class Guard:
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
             return f"a page of {origin} may not use this one"
         if self.token is not None and not any(
-            secrets.compare_digest(given.encode(), self.token.encode()) for given in _tokens(path, lower)
+            secrets.compare_digest(given.encode(), self.token.encode()) for given in self._tokens(path, lower)
         ):
             return "the token is missing or wrong: open the address that nilbs view printed"
         return None
@@ -75,13 +75,23 @@ class Guard:
         """Headers of every answer; with a token, the cookie that later requests bring."""
         if self.token is None:
             return HEADERS
-        return HEADERS | {"Set-Cookie": f"{COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"}
+        return HEADERS | {"Set-Cookie": f"{self.cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"}
+
+    @property
+    def cookie(self) -> str:
+        """The cookie's name, another one for each token: all ports of a host share its cookies."""
+        return f"nilbs-view-{hashlib.sha256((self.token or '').encode()).hexdigest()[:8]}"
+
+    def _tokens(self, path: str, headers: Mapping[str, str]) -> list[str]:
+        """The tokens that a request brings, in its address and as a cookie."""
+        given = [part.strip().partition("=") for part in headers.get("cookie", "").split(";")]
+        return parse_qs(urlsplit(path).query).get("token", []) + [v for name, _, v in given if name == self.cookie]
 
     def _may_be_called(self, name: str) -> bool:
         """Whether a name in the browser's address bar may be ours; others may lead here (DNS rebinding)."""
         if self.token is None:
             return name in LOOPBACK
-        if name in (*LOOPBACK, self.host, socket.gethostname(), socket.getfqdn()):
+        if name == self.host.lower() or name in _own_names():
             return True
         try:
             ipaddress.ip_address(name)
@@ -104,11 +114,7 @@ def _name(host: str) -> str:
         return ""
 
 
-def _tokens(path: str, headers: Mapping[str, str]) -> list[str]:
-    """The tokens that a request brings."""
-    found = parse_qs(urlsplit(path).query).get("token", [])
-    try:
-        cookies = SimpleCookie(headers.get("cookie", ""))
-    except CookieError:
-        return found
-    return found + ([cookies[COOKIE].value] if COOKIE in cookies else [])
+@cache
+def _own_names() -> frozenset[str]:
+    """Names of this machine; the network may be asked for one, so only once."""
+    return frozenset(name.lower() for name in (*LOOPBACK, socket.gethostname(), socket.getfqdn()))

@@ -69,5 +69,5 @@ def inside(bodies: tuple[Body, ...], poses: tuple[np.ndarray, ...], x: np.ndarra
     """Whether points (n, d) are inside one of the bodies, (n,); bodies without that row answer by their own."""
     found = np.zeros(len(x), dtype=bool)
     for body, pose in zip(bodies, poses, strict=True):
-        found |= body.posed(pose, row if row in body.rows() else body.rows()[0]).occupancy(x) > 0.5
+        found |= body.posed(pose, body.row_like(row)).occupancy(x) > 0.5
     return found

@@ -19,10 +19,9 @@ TURNS = 36  # pictures of a turntable
 def mesh_file(U: np.ndarray, F: np.ndarray, suffix: str) -> bytes:
     """A surface as a file: .glb of triangles, or what `nilbs.io.write_mesh` writes."""
     if suffix == ".glb":
-        mesh = Surface(U, F).to_trimesh()
         if F.shape[1] != 3:
             raise ValueError("a .glb holds triangles, and this is an outline: save it as .obj")
-        return bytes(mesh.export(file_type="glb"))  # type: ignore[arg-type]
+        return bytes(Surface(U, F).to_trimesh().export(file_type="glb"))  # type: ignore[arg-type]
     return _written(suffix, lambda path: write_mesh(path, U, F))
 
 
@@ -41,6 +40,8 @@ def pose_file(body: Body, pose: np.ndarray) -> bytes:
 
 def turntable(U: np.ndarray, F: np.ndarray, view: View, *, pixels: int = 320, turns: int = TURNS) -> bytes:
     """A surface that turns once, as a GIF; an outline stands still."""
+    if not len(U):
+        raise ValueError("the surface is empty: there is nothing to turn")
     middle = (U.min(axis=0) + U.max(axis=0)) / 2
     radius = np.linalg.norm(U - middle, axis=1).max()
 

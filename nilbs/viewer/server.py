@@ -31,7 +31,7 @@ def start(guard: Guard, port: int) -> viser.ViserServer:
     OSError
         If this machine has no such address, or the port is in use: viser would try the next, or all others.
     RuntimeError
-        If viser starts its server in another way than expected, so that nobody would guard it.
+        If viser starts its server in another way than expected, so that requests would not be checked.
     """
     _check_free(guard.host, port)
     with _quiet(), _guarded(guard) as passed:
@@ -40,8 +40,12 @@ def start(guard: Guard, port: int) -> viser.ViserServer:
         server.stop()
         raise RuntimeError(f"viser {viser.__version__} cannot be guarded: install the version of the extra view")
     # A page must not open a tunnel from the internet to here.
-    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
-        server._websock_server.unregister_handler(message)
+    try:
+        for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+            server._websock_server.unregister_handler(message)
+    except BaseException:
+        server.stop()
+        raise
     return server
 
 

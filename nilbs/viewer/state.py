@@ -93,6 +93,10 @@ class Body:
         own = tuple(sorted(own, key=lambda row: row != mapping))  # its own mapping first
         return own + tuple(name for name in untrained() if name not in own)
 
+    def row_like(self, row: str) -> str:
+        """The row of that name, or its own first one if it has none such."""
+        return row if row in self.rows() else self.rows()[0]
+
     def posed(self, pose: np.ndarray, row: str) -> PosedModel:
         """The field of a row in a pose.
 
@@ -151,6 +155,10 @@ class Scene:
             found, wanted = body.character.d, bodies[0].character.d
             if found != wanted:
                 raise ValueError(f"{body.name} has {found} dimensions, {bodies[0].name} has {wanted}")
+        names = [body.name for body in bodies]
+        for i, body in enumerate(bodies, 1):
+            if names.count(body.name) > 1:
+                body.name = f"{body.name} {i}"
         self.bodies, self.points = tuple(bodies), points
         first = bodies[0].character
         self.frame = PageFrame(first.center, first.L)
@@ -202,8 +210,7 @@ class Scene:
     def _shot(self) -> Shot:
         if self._last is not None and self._last.version == self._version:
             return self._last  # for another thread that draws
-        first, *others = self.bodies
-        poses = [first.pose(self.clip.start + self.player.time)]
-        poses += [body.pose(float(body.motion.times[0]) + self.player.time) for body in others]
+        # All at the same time, as `nilbs check` compares them; a motion that is shorter stands still.
+        poses = [body.pose(self.clip.start + self.player.time) for body in self.bodies]
         self._last = Shot(self._version, self._moved, tuple(poses))
         return self._last

@@ -50,6 +50,15 @@ def test_what_cannot_be_cleared_is_reported(nilbs, standing, tmp_path):
     assert (tmp_path / "out.bvh").exists()
 
 
+def test_a_change_that_is_too_rough_is_reported(nilbs, standing, tmp_path, monkeypatch):
+    before_and_after = iter([0.01, np.radians(2.1)])
+    monkeypatch.setattr("nilbs.contacts.clearing.rough_of_clips", lambda motion: next(before_and_after))
+    status, out, _ = nilbs("clear", standing("a.nilbs", 0, 0), "--points", 300, "-o", tmp_path / "out.bvh")
+    assert status == NOT_CLEAR
+    assert "clear in every frame" in out
+    assert "not smooth" in out
+
+
 @pytest.mark.parametrize("options", [(), ("--distance", 1)])
 def test_files_hold_the_joint_angles_that_keep_bodies_apart(succeeds, standing, tmp_path, options):
     """The end of a bar is in the side of another one: its second bone turns away."""

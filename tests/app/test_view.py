@@ -49,7 +49,7 @@ def test_models_and_files_of_a_character_share_a_scene(viser, assets):
     files = (assets / "bar3.nilbs", assets / "bar3.obj", assets / "bar.tgf", assets / "bar3-weights.npz")
     words = ["view", *map(str, files)]
     scene = scene_of(parser_of(words).parse_args(words))
-    assert [body.name for body in scene.bodies] == ["bar3", "bar3"]
+    assert [body.name for body in scene.bodies] == ["bar3 1", "bar3 2"]
     assert [body.model.method.name for body in scene.bodies] == ["nilbs", "nearest"]
 
 

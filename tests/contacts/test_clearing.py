@@ -99,6 +99,21 @@ def test_two_bodies_are_kept_apart(capsules, moved) -> None:
     assert len(found.remaining) == 0
 
 
+@pytest.mark.parametrize("wrong", [{"depth": -0.1}, {"distance": np.inf}, {"rounds": -1}, {"smooth": np.nan}])
+def test_numbers_out_of_range_are_refused(capsules, wrong) -> None:
+    model = capsules[2]
+    with pytest.raises(ValueError, match=f"{next(iter(wrong))} must be a number of at least 0"):
+        clear_motion(model, model.motion, **wrong)
+
+
+def test_motions_and_models_that_do_not_fit_are_refused(capsules) -> None:
+    model = capsules[2]
+    with pytest.raises(ValueError, match="not of the skeleton"):
+        clear_motion(model, Motion(model.motion.B, np.arange(len(model.motion)), "without a skeleton"))
+    with pytest.raises(ValueError, match="another dimension"):
+        clear_motion(model, model.motion, against=[capsules[3]])
+
+
 @pytest.mark.parametrize("d", [2, 3])
 def test_slopes_are_differences(chains, rolled, rng, d) -> None:
     model = chains[d]
@@ -126,7 +141,7 @@ def test_slopes_are_differences(chains, rolled, rng, d) -> None:
 def test_the_least_change_is_that_of_the_primal_problem(rng) -> None:
     n, v, smooth = 12, 3, 1.5
     frame, slope, demand = rng.integers(n, size=9), rng.normal(size=(9, v)), rng.uniform(0.1, 0.5, 9)
-    inverse = smoothing_inverse(n, smooth, from_rest=True, to_rest=False)
+    inverse = smoothing_inverse(n, smooth, held_before=True, held_after=False)
     found = least_change(frame, slope, demand, inverse, smooth=smooth)
     met = (slope * found[frame]).sum(axis=1)
     assert (met > demand - 0.01).all()

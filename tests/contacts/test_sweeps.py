@@ -59,6 +59,8 @@ def test_balls_touch_earlier_and_mistakes_are_refused(capsules, moved) -> None:
     np.testing.assert_allclose(times, [0.9, 0.7], atol=5e-3)
     with pytest.raises(ValueError, match="end must be"):
         first_touches(capsules[3], start, end[:0], rest, rest)
+    with pytest.raises(ValueError, match=r"radius\[0\] is negative"):
+        first_touches(capsules[3], start, end, rest, rest, radius=-0.1)
     with pytest.raises(ValueError, match="resolution must be above 0"):
         first_touches(capsules[3], start, end, rest, rest, resolution=0)
     assert first_touches(capsules[3], end[:0], end[:0], rest, rest).time.shape == (0,)

@@ -1,11 +1,13 @@
 """What layers show, as arrays: each against the model's own answers."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from nilbs.characters.motion import load_motion
+from nilbs.figures.views import View
 from nilbs.geometry.distance import closest_points
 from nilbs.viewer.colours import DISTANCE, GHOST, OCCUPANCY, Scale
 from nilbs.viewer.meeting import Meetings, inside
@@ -166,8 +168,26 @@ def test_a_turntable_turns_and_keeps_its_size(models):
     assert max(rows) < 47
 
 
-def test_a_body_in_a_scene_is_posed_at_the_time_of_its_own_motion(body):
+def test_an_empty_surface_cannot_turn():
+    with pytest.raises(ValueError, match="nothing to turn"):
+        turntable(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), View(np.eye(3)))
+
+
+def test_an_outline_is_no_glb():
+    with pytest.raises(ValueError, match="outline"):
+        mesh_file(np.eye(2), np.array([[0, 1]]), ".glb")
+
+
+def test_bodies_of_one_name_are_numbered_and_their_contacts_kept(body):
+    scene = Scene([body(2), body(2), body(2, "villain")])
+    assert [one.name for one in scene.bodies] == ["hero 1", "hero 2", "villain"]
+    assert len(Meetings(scene.bodies).themselves(scene.shot().poses)) == 3
+
+
+def test_all_bodies_are_posed_at_one_time(body):
+    """As `nilbs check` does, whenever the motion of another one begins."""
     a, b = body(3, "a"), body(3, "b")
+    b.motion = replace(b.motion, times=b.motion.times + 0.05, curves=())
     scene = Scene([a, b])
     with scene.changing(moves=True):
         scene.player.time = 0.1

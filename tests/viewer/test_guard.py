@@ -1,6 +1,8 @@
+from urllib.parse import urlsplit
+
 import pytest
 
-from nilbs.viewer.guard import COOKIE, Guard
+from nilbs.viewer.guard import Guard, _own_names
 
 HERE = Guard("127.0.0.1", None)
 THERE = Guard("0.0.0.0", "secret")
@@ -38,17 +40,35 @@ def test_a_websocket_states_its_origin(name):
     ("path", "cookie", "passes"),
     [
         ("/?token=secret", "", True),
-        ("/assets/a.js", f"{COOKIE}=secret", True),
-        ("/", f"other=1; {COOKIE}=secret", True),
+        ("/assets/a.js", f"{THERE.cookie}=secret", True),
+        ("/", f"other=1; {THERE.cookie}=secret", True),
         ("/", "", False),
-        ("/?token=", f"{COOKIE}=", False),
-        ("/?token=wrong", f"{COOKIE}=Secret", False),
+        ("/?token=", f"{THERE.cookie}=", False),
+        ("/?token=wrong", f"{THERE.cookie}=Secret", False),
         ("/?token=s%C3%A9cret", "", False),
     ],
 )
 def test_other_machines_need_the_token(path, cookie, passes):
     headers = {"Host": "10.1.2.3:8080", "Origin": "http://10.1.2.3:8080", "Cookie": cookie}
     assert (THERE.refusal(path, headers) is None) == passes
+
+
+def test_the_printed_name_passes_in_any_case(monkeypatch):
+    monkeypatch.setattr("socket.gethostname", lambda: "MyMac.local")
+    _own_names.cache_clear()
+    try:
+        host = urlsplit(THERE.address(8080)).netloc
+        assert host == "MyMac.local:8080"
+        assert THERE.refusal("/?token=secret", {"Host": host}) is None
+    finally:
+        _own_names.cache_clear()
+
+
+def test_pages_on_other_ports_keep_their_cookies():
+    other = Guard("0.0.0.0", "another")
+    both = "; ".join(guard.headers()["Set-Cookie"].split(";")[0] for guard in (THERE, other))
+    for guard in (THERE, other):
+        assert guard.refusal("/", {"Host": "10.1.2.3", "Cookie": f"bad={{}}; {both}"}) is None
 
 
 def test_with_a_token_the_name_must_still_be_ours():

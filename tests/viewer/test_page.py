@@ -12,6 +12,8 @@ from websockets.exceptions import InvalidStatus
 from benchmarks.viewer_client import vertices
 from nilbs.geometry.skinning import linear_blend_skinning
 from nilbs.viewer.posing import turned
+from nilbs.viewer.reconstruction import Reconstruction
+from nilbs.viewer.state import Body, Scene
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -101,6 +103,33 @@ def test_layers_draw_what_they_are_asked_for(scene, pages, clients, d):
     names = {str(message.get("name")) for message in client.heard}
     assert any(name.startswith("/plane/") for name in names)
     assert {"/surface/0", "/weights", "/rest/skin", "/picked/posed", "/points"} <= names
+
+
+def test_an_empty_surface_is_said_to_be_empty(scene, pages, clients, monkeypatch):
+    none = Reconstruction(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(0))
+    monkeypatch.setattr("nilbs.viewer.panels.surface.reconstruction", lambda *_: none)
+    page = pages(scene())
+    client = clients(page)
+    client.set(page.surface.visible, True)
+    client.wait_for(heard(page.surface.note, "empty"))
+
+
+def test_a_body_of_fewer_bones_is_chosen(models, pages, clients):
+    """Body and bone change together: what draws never sees a bone of another body."""
+    many, few = Body("many", models[3], models[3].motion), Body("few", models[3], models[3].motion)
+    page = pages(Scene([many, few]))
+    last = len(many.character.skeleton.BE) - 1
+    page.stage.selection = 0, last
+    page.bones.body.value = page.bones.body.options[1]
+    page.bones._choose_body()
+    assert page.stage.selection == (1, 0)
+
+
+def test_the_hint_to_click_is_shown(scene, pages, clients):
+    page = pages(scene())
+    client = clients(page)
+    client.set(page.rest.picking, True)
+    client.wait_for(heard(page.rest.note, "click on the skin"))
 
 
 def test_a_row_that_the_model_lacks_is_reported(scene, pages, clients):

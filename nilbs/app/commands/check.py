@@ -2,7 +2,8 @@
 
 import argparse
 
-from nilbs.app.options import add_json, add_motion, not_negative, whole
+from nilbs.app.contact_options import add_contact_options, load_models
+from nilbs.app.options import add_json
 
 FILES = ("contacts.json", "contacts.txt", "contacts.png", "contacts.glb")
 
@@ -11,36 +12,7 @@ EXAMPLE = "nilbs check hero.nilbs --out contacts"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
-    add_motion(parser, "the motion that the model was trained on")
-    parser.add_argument(
-        "--against",
-        nargs="+",
-        default=(),
-        metavar="OTHER",
-        help="other models in the same world, .nilbs: each moves as it was trained to, at the same time",
-    )
-    parser.add_argument(
-        "--apart",
-        type=not_negative,
-        default=0.5,
-        metavar="PERCENT",
-        help="parts nearer than this at rest may overlap, in per cent of the longest edge (default 0.5)",
-    )
-    parser.add_argument(
-        "--steps",
-        type=whole(0),
-        default=2,
-        metavar="N",
-        help="so may parts whose bones are at most so many bones apart along the skeleton (default 2)",
-    )
-    parser.add_argument(
-        "--points",
-        type=whole(1),
-        default=50_000,
-        metavar="N",
-        help="points in the body's volume, and on skins, that are followed (default 50000)",
-    )
+    add_contact_options(parser)
     parser.add_argument("--out", metavar="DIR", help=f"also write {', '.join(FILES)} here")
     add_json(parser)
 
@@ -57,15 +29,9 @@ def run(args: argparse.Namespace) -> None:
     from nilbs.contacts.timeline import pair_timeline, self_timeline, table
     from nilbs.geometry.progress import progress_bar
     from nilbs.io import check_writable
-    from nilbs.models.model import load_model
 
     check_motion_options(args)
-    model = load_model(args.model)
-    others = {path: load_model(path) for path in args.against}
-    for path, other in others.items():
-        if other.character.d != model.character.d:
-            found, wanted = other.character.d, model.character.d
-            raise ValueError(f"{path}: this model has {found} dimensions, {args.model} has {wanted}")
+    model, others = load_models(args)
     if args.out is not None:
         Path(args.out).mkdir(parents=True, exist_ok=True)
         for name in FILES:

@@ -3,12 +3,14 @@
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from nilbs.app.options import add_json, add_motion, not_negative, whole
+from nilbs.app.contact_options import add_contact_options, load_models
+from nilbs.app.options import add_json, not_negative, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-NOT_CLEAR = 3  # the exit code where a frame is not clear
+NOT_CLEAR = 3  # the exit code where a frame is not clear, or the change is too rough
+SIDES = ("before", "after")
 SUFFIXES = (".bvh", ".glb", ".gltf")
 
 EXAMPLE = "nilbs clear hero.nilbs -o cleared.glb"
@@ -16,15 +18,7 @@ EXAMPLE = "nilbs clear hero.nilbs -o cleared.glb"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("model", metavar="MODEL", help="a trained model, .nilbs")
-    add_motion(parser, "the motion that the model was trained on")
-    parser.add_argument(
-        "--against",
-        nargs="+",
-        default=(),
-        metavar="OTHER",
-        help="other models in the same world, .nilbs: each moves as it was trained to, at the same time",
-    )
+    add_contact_options(parser)
     parser.add_argument(
         "--depth",
         type=not_negative,
@@ -37,23 +31,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=not_negative,
         metavar="PERCENT",
         help="keep parts so far apart instead, in per cent of the longest edge; parts nearer at rest are exempt",
-    )
-    parser.add_argument(
-        "--apart",
-        type=not_negative,
-        default=0.5,
-        metavar="PERCENT",
-        help="parts nearer than this at rest may overlap, in per cent of the longest edge (default 0.5)",
-    )
-    parser.add_argument(
-        "--steps",
-        type=whole(0),
-        default=2,
-        metavar="N",
-        help="so may parts whose bones are at most so many bones apart along the skeleton (default 2)",
-    )
-    parser.add_argument(
-        "--points", type=whole(1), default=50_000, metavar="N", help="points in the body's volume (default 50000)"
     )
     parser.add_argument(
         "--rounds", type=whole(1), default=40, metavar="N", help="searches for contacts in a stretch (default 40)"
@@ -73,18 +50,12 @@ def run(args: argparse.Namespace) -> int:
     from nilbs.contacts.self_contacts import SelfContactFinder
     from nilbs.geometry.progress import progress_bar
     from nilbs.io import check_suffix
-    from nilbs.models.model import load_model
 
     check_motion_options(args)
     check_suffix(args.output, *SUFFIXES)
     inputs = [args.model, *args.against, *([] if args.motion is None else [args.motion])]
     check_outputs([args.output], inputs=inputs)
-    model = load_model(args.model)
-    others = {path: load_model(path) for path in args.against}
-    for path, other in others.items():
-        if other.character.d != model.character.d:
-            found, wanted = other.character.d, model.character.d
-            raise ValueError(f"{path}: this model has {found} dimensions, {args.model} has {wanted}")
+    model, others = load_models(args)
     if args.distance is None and not args.depth:
         raise ValueError("--depth 0 leaves no contact at all: give --distance 0 for parts that do not touch")
     motion = model.motion if args.motion is None else motion_of_file(args, model.character.skeleton)
@@ -107,18 +78,18 @@ def run(args: argparse.Namespace) -> int:
     values = {"model": args.model, "motion": motion.source, "output": args.output}
     values |= cleared.values(motion, model.character.L)
     show(values, as_json=args.json, table=_table(values))
-    return NOT_CLEAR if len(cleared.remaining) else 0
+    return 0 if cleared.smooth and not len(cleared.remaining) else NOT_CLEAR
 
 
 def _table(values: "Mapping[str, Any]") -> str:
     """Numbers before and after, for people."""
     rows = [("frames in contact", "frames_in_contact", "d", 1), ("deepest, % of L", "deepest_of_L", ".3f", 100)]
-    if values["after"]["smallest_distance_of_L"] is not None:
+    if any(values[side]["smallest_distance_of_L"] is not None for side in SIDES):
         rows.append(("smallest distance, % of L", "smallest_distance_of_L", ".3f", 100))
     rows.append(("largest second difference, degrees", "largest_second_difference", ".2f", 1))
     lines = [f"{'':<34}  {'before':>9}  {'after':>9}"]
     for name, key, form, unit in rows:
-        both = (format(values[side][key] * unit, form) for side in ("before", "after"))
+        both = ("more" if values[side][key] is None else format(values[side][key] * unit, form) for side in SIDES)
         lines.append(f"{name:<34}  " + "  ".join(f"{text:>9}" for text in both))
     lines.append(f"summed squared change of the joints: {values['summed_squared_change']:.4g} rad^2")
     lines.append(f"frames changed: {values['frames_changed']}; rounds: {values['rounds']}")
@@ -130,5 +101,7 @@ def _table(values: "Mapping[str, Any]") -> str:
         lines.append(f"not clear: {len(left)} frames ({numbers}), the deepest {depth}")
     else:
         lines.append("clear in every frame")
+    if not values["smooth"]:
+        lines.append("not smooth: the joints turn more suddenly than twice the motion's own; give more --rounds")
     lines.append(f"written: {values['output']}")
     return "\n".join(lines)

@@ -5,6 +5,7 @@ import argparse
 from nilbs.app.options import add_group, add_json, add_motion, add_solve, positive, whole
 
 EXAMPLE = "nilbs view hero.nilbs"
+FOREVER = 1e9  # seconds
 TUNNEL = (
     "the page is served to this machine only. From another one, open a tunnel, ssh -L {port}:127.0.0.1:{port} HOST, "
     "and the same address there"
@@ -55,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
         if page.guard.token is None:
             print_note(TUNNEL.format(port=page.server.get_port()))
         print_note("the page ends with Ctrl-C" if args.seconds is None else f"the page ends after {args.seconds:g} s")
-        time.sleep(args.seconds or 1e9)
+        time.sleep(min(args.seconds or FOREVER, FOREVER))
     except KeyboardInterrupt:
         pass  # how it ends
     finally:

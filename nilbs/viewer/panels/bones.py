@@ -56,11 +56,17 @@ class Bones:
             )
             turns = np.tile([1.0, 0, 0, 0], (len(places), 1))
             balls = view.add_batched_meshes_simple(
-                f"/bones/{i}/joints", ball.vertices, ball.faces, turns, places, batched_colors=self._colours(i)
+                f"/bones/{i}/joints",
+                ball.vertices,
+                ball.faces,
+                turns,
+                places,
+                batched_colors=self._colours(i, stage.selection),
             )
             balls.on_click(lambda event, i=i: self._choose(i, event.instance_index))  # type: ignore[misc]
             self._balls.append(balls)
         self.gizmo = self._gizmo()
+        stage.server.on_client_disconnect(lambda _: self._release())
 
     def _gizmo(self) -> viser.TransformControlsHandle:
         d = self.stage.scene.d
@@ -76,21 +82,25 @@ class Bones:
 
         return gizmo
 
+    def _release(self) -> None:
+        """A page that was closed holds the handle no more."""
+        self._dragging = False
+
     # What a user does.
 
     def _choose(self, body: int, bone: int | None) -> None:
         if bone is None:
             return
         with self.stage.scene.changing():
-            self.stage.body = body
+            self.stage.selection = body, bone
             put(self.body, self.body.options[body])
             put(self.search, "")
             self.bone.options = self.stage.selected.character.skeleton.names
             put(self.bone, self.bone.options[bone])
-            self._choose_bone()
+            self._show_angles()
 
     def _choose_body(self) -> None:
-        self.stage.body = self.body.options.index(self.body.value)
+        self.stage.selection = self.body.options.index(self.body.value), 0
         put(self.search, "")
         self._filter()
 
@@ -104,7 +114,8 @@ class Bones:
             self._choose_bone()
 
     def _choose_bone(self) -> None:
-        self.stage.bone = self.stage.selected.character.skeleton.names.index(self.bone.value)
+        names = self.stage.selected.character.skeleton.names
+        self.stage.selection = self.stage.body, names.index(self.bone.value)
         self._show_angles()
 
     def _turn(self) -> None:
@@ -136,34 +147,35 @@ class Bones:
         for angle, value in zip(self.angles, np.degrees(self.stage.selected.theta[self.stage.bone]), strict=True):
             put(angle, float(np.clip(value, -180, 180)))
 
-    def _colours(self, i: int) -> np.ndarray:
+    def _colours(self, i: int, selection: tuple[int, int]) -> np.ndarray:
         colours = np.tile(np.array(JOINT, dtype=np.uint8), (len(self.stage.scene.bodies[i].theta), 1))
-        if i == self.stage.body:
-            colours[self.stage.bone] = CHOSEN
+        if i == selection[0]:
+            colours[selection[1]] = CHOSEN
         return colours
 
     def key(self, shot: Shot) -> Hashable:
         """Poses, and what is selected."""
-        return shot.moved, self.visible.value, self.handle_shown.value, self.stage.body, self.stage.bone, self._dragging
+        return shot.moved, self.visible.value, self.handle_shown.value, self.stage.selection, self._dragging
 
     def draw(self, shot: Shot) -> None:
         """Move lines, joints and the handle, but not the handle that a user holds."""
-        place = self.stage.scene.frame.place
+        place, selection = self.stage.scene.frame.place, self.stage.selection
         for i, (body, pose) in enumerate(zip(self.stage.scene.bodies, shot.poses, strict=True)):
             lines: Any = self._lines[i]
             balls: Any = self._balls[i]
             lines.visible = balls.visible = self.visible.value
             lines.points = place(segments(body.character.skeleton, pose))
             balls.batched_positions = place(joints(body.character.skeleton, pose))
-            balls.batched_colors = self._colours(i)
+            balls.batched_colors = self._colours(i, selection)
         self.gizmo.visible = self.handle_shown.value
-        body, pose, d = self.stage.selected, shot.poses[self.stage.body], self.stage.scene.d
-        self.gizmo.disable_axes = bool(body.character.skeleton.P[self.stage.bone] >= 0)
+        chosen, bone = selection
+        body, pose, d = self.stage.scene.bodies[chosen], shot.poses[chosen], self.stage.scene.d
+        self.gizmo.disable_axes = bool(body.character.skeleton.P[bone] >= 0)
         if not self._dragging:
             R = np.eye(3)
-            R[:d, :d] = nearest_rotations(pose[self.stage.bone, :d, :d])
+            R[:d, :d] = nearest_rotations(pose[bone, :d, :d])
             self.gizmo.wxyz = transforms.SO3.from_matrix(R).wxyz
-            self.gizmo.position = place(joints(body.character.skeleton, pose)[self.stage.bone])
+            self.gizmo.position = place(joints(body.character.skeleton, pose)[bone])
         self.stage.server.flush()
 
     def fail(self, error: Exception) -> None:

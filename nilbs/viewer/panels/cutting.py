@@ -23,7 +23,7 @@ class Cutting:
         self.visible = gui.add_checkbox("cutting plane", False)
         ghost = any(body.has_ghost for body in stage.scene.bodies)
         self.quantity = gui.add_dropdown("quantity", [name for name in QUANTITIES if ghost or name != "ghost bone"])
-        self.row = gui.add_dropdown("row", stage.rows(), hint="the mapping or the baseline that answers")
+        self.row = stage.row_dropdown()
         across = int(np.abs(stage.view.axes[2]).argmax())
         self.axis = gui.add_dropdown("across", AXES, initial_value=AXES[across], visible=d == 3)
         self.height = gui.add_slider("height", -1.0, 1.0, 0.005, 0.0, hint="along this axis, in L", visible=d == 3)
@@ -55,8 +55,9 @@ class Cutting:
             self.note.show()
             return
         self.note.wait()
-        quantity, body = self.quantity.value, self.stage.selected
-        self.cut = cut(body.posed(shot.poses[self.stage.body], self.row.value), section, quantity)
+        quantity, chosen = self.quantity.value, self.stage.body
+        body = self.stage.scene.bodies[chosen]
+        self.cut = cut(body.posed(shot.poses[chosen], self.row.value), section, quantity)
         scale = QUANTITIES[quantity]
         picture = self.cut.picture(scale)
         place = self.stage.scene.frame.place

@@ -72,7 +72,7 @@ class Points:
         self.stage, self.x = stage, x
         gui = stage.server.gui
         self.visible = gui.add_checkbox("points of the file", True)
-        self.row = gui.add_dropdown("row", stage.rows(), hint="the mapping or the baseline that answers")
+        self.row = stage.row_dropdown()
         self.size = gui.add_slider("size", 0.001, 0.05, 0.001, 0.008, hint="of a point, in L")
         self.note = stage.note()
         stage.watch(self.visible, self.row, self.size)

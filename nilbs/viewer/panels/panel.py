@@ -23,21 +23,30 @@ class Stage:
 
     Attributes
     ----------
-    body, bone : int
-        The selected body and bone.
+    selection : (int, int)
+        The selected body and bone: one value, so that a thread that draws never sees a bone of another body.
     view, look : View
         The first body's front, and from where it is seen first.
     """
 
     scene: Scene
     server: viser.ViserServer
-    body: int = 0
-    bone: int = 0
+    selection: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
         V = self.scene.bodies[0].character.V
         self.view = View.front(np.column_stack([V, np.zeros(len(V))]) if V.shape[1] == 2 else V)
         self.look = self.view.turned() if self.scene.d == 3 else self.view
+
+    @property
+    def body(self) -> int:
+        """The selected body."""
+        return self.selection[0]
+
+    @property
+    def bone(self) -> int:
+        """The selected bone of that body."""
+        return self.selection[1]
 
     @property
     def selected(self) -> Body:
@@ -56,9 +65,10 @@ class Stage:
         for one in inputs:
             one.on_update(changed)
 
-    def rows(self) -> tuple[str, ...]:
-        """The rows of the first body, which those of the others may lack."""
-        return self.scene.bodies[0].rows()
+    def row_dropdown(self) -> viser.GuiDropdownHandle:
+        """A choice of the rows of the first body, which the others may lack."""
+        rows = self.scene.bodies[0].rows()
+        return self.server.gui.add_dropdown("row", rows, hint="the mapping or the baseline that answers")
 
     def coloured(self, name: str, U: np.ndarray, F: np.ndarray, colours: np.ndarray) -> viser.GlbHandle:
         """Draw triangles of the world whose vertices have colours (n, 3)."""

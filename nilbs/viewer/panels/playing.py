@@ -34,6 +34,7 @@ class Playing:
         scene = self.stage.scene
         scene.choose_clip(scene.clips[self._labels.index(self.clip.value)])
         self.time.max = max(scene.player.duration, 1e-3)
+        put(self.time, 0.0)
 
     def _scrub(self) -> None:
         self.stage.scene.player.time = min(self.time.value, self.stage.scene.player.duration)
@@ -66,7 +67,7 @@ class Playing:
         """Show where the clip stands."""
         player = self.stage.scene.player
         self.play.label = "pause" if player.playing else "play"
-        if player.playing:
+        if player.playing or player.time >= player.duration:
             put(self.time, round(min(player.time, self.time.max), 3))
 
     def fail(self, error: Exception) -> None:

@@ -24,7 +24,7 @@ class Rest:
         gui = stage.server.gui
         self.visible = gui.add_checkbox("rest pose beside", False)
         self.picking = gui.add_checkbox("click on a point", False, hint="of the skin or of the cutting plane")
-        self.row = gui.add_dropdown("row", stage.rows(), hint="the mapping or the baseline that answers")
+        self.row = stage.row_dropdown()
         self.note = stage.note()
         stage.watch(self.visible, self.row)
         stage.watch(self.picking, then=self._listen)
@@ -67,16 +67,18 @@ class Rest:
 
     def key(self, shot: Shot) -> Hashable:
         """The pose and the point, while they are visible."""
-        point = None if self.x is None else self.x.tobytes()
-        return self.visible.value, self.stage.body, (self.x is not None) and (shot.moved, point, self.row.value)
+        x = self.x
+        point = x is not None and (shot.moved, x.tobytes(), self.row.value)
+        return self.visible.value, self.picking.value, self.stage.body, point
 
     def draw(self, shot: Shot) -> None:
         """Show the body at rest, and the roots there."""
         self._remove()
         frame, view = self.stage.scene.frame, self.stage.server.scene
-        body = self.stage.selected
+        x, chosen = self.x, self.stage.body
+        body = self.stage.scene.bodies[chosen]
         if self.visible.value:
-            colour = BODIES[self.stage.body % len(BODIES)]
+            colour = BODIES[chosen % len(BODIES)]
             V = frame.place(body.V)
             opacity = None if self.stage.scene.d == 2 else 0.5
             self._drawn.append(
@@ -84,11 +86,11 @@ class Rest:
                     "/rest/skin", V, body.F, color=colour, side="double", opacity=opacity, position=self.aside
                 )
             )
-        if self.x is None:
+        if x is None:
             self.note.show(*(["click on the skin or on the cutting plane"] if self.picking.value else []))
             return
         self.note.wait()
-        found = roots(body.posed(shot.poses[self.stage.body], self.row.value), self.x)
+        found = roots(body.posed(shot.poses[chosen], self.row.value), x)
         here = frame.place(found.x[None])
         self._drawn.append(view.add_point_cloud("/picked/posed", here, POINT, point_size=0.02, point_shape="circle"))
         if self.visible.value and len(found.x_rest):

@@ -44,7 +44,7 @@ class Saving:
                 name = f"{self.stage.selected.name}{suffix}"
                 event.client.send_file_download(name, content, save_immediately=True)
                 self.note.show(f"{name}: {len(content):,} bytes")
-            except (ValueError, MemoryError) as error:
+            except (ValueError, MemoryError, RuntimeError, OSError, ImportError) as error:
                 self.note.show(str(error))
             finally:
                 button.disabled = False
@@ -57,9 +57,10 @@ class Saving:
 
     def _shown(self) -> tuple[np.ndarray, np.ndarray]:
         """The surface of the selected body, if it is shown, else its skin."""
-        body, i = self.stage.selected, self.stage.body
-        if self.surface.found:
-            return self.surface.found[i][:2]
+        i, found = self.stage.body, self.surface.found
+        body = self.stage.scene.bodies[i]
+        if found:
+            return found[i][:2]
         pose = self.stage.scene.shot().poses[i]
         return body.model.skinning.posed(pose), body.character.F
 

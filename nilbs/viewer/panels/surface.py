@@ -19,7 +19,7 @@ class ReconstructedSurface:
         self.stage = stage
         gui = stage.server.gui
         self.visible = gui.add_checkbox("surface of the field", False)
-        self.row = gui.add_dropdown("row", stage.rows(), hint="the mapping or the baseline that answers")
+        self.row = stage.row_dropdown()
         self.resolution = gui.add_slider("resolution", 16, 256, 8, 64, hint="cells along the longest edge")
         self.note = stage.note()
         stage.watch(self.visible, self.row, self.resolution)
@@ -40,7 +40,7 @@ class ReconstructedSurface:
         start = perf_counter()
         bodies = self.stage.scene.bodies
         found = [
-            reconstruction(body.posed(pose, self.row.value), self.resolution.value)
+            reconstruction(body.posed(pose, body.row_like(self.row.value)), self.resolution.value)
             for body, pose in zip(bodies, shot.poses, strict=True)
         ]
         seconds = perf_counter() - start
@@ -50,8 +50,12 @@ class ReconstructedSurface:
             self._remove()
             self._drawn = [self._show(f"/surface/{i}", one, scale) for i, one in enumerate(found) if len(one.F)]
         self.found = found
-        worst = f"distance to the skin: {100 * error.mean():.3f} % of L, at most {100 * error.max():.2f} %"
-        lines = [f"{sum(len(one.F) for one in found)} facets in {seconds:.2f} s", worst] if len(error) else ["empty"]
+        lines = ["empty: no cell of the grid is inside"]
+        if len(error):
+            lines = [
+                f"{sum(len(one.F) for one in found)} facets in {seconds:.2f} s",
+                f"distance to the skin: {100 * error.mean():.3f} % of L, at most {100 * error.max():.2f} %",
+            ]
         self.note.show(*lines, bar=scale.bar())
 
     def _show(self, name: str, one: Reconstruction, scale: Scale) -> Any:

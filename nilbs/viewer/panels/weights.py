@@ -22,7 +22,7 @@ class Weights:
 
     def key(self, shot: Shot) -> Hashable:
         """The pose and the bone, while they are visible."""
-        return self.visible.value and (shot.moved, self.stage.body, self.stage.bone)
+        return self.visible.value and (shot.moved, self.stage.selection)
 
     def draw(self, shot: Shot) -> None:
         """Draw the body in colours, and hide its skin."""
@@ -30,8 +30,8 @@ class Weights:
             self._remove()
             self.note.show()
             return
-        i, bone = self.stage.body, self.stage.bone
-        body = self.stage.selected
+        i, bone = self.stage.selection
+        body = self.stage.scene.bodies[i]
         U = linear_blend_skinning(body.V, body.W, shot.poses[i])
         self._drawn = self.stage.coloured("/weights", U, body.F, WEIGHT(body.W[:, bone]))
         self.note.show(f"weights of {body.character.skeleton.names[bone]}", bar=WEIGHT.bar())
