@@ -29,7 +29,7 @@ class Demands(NamedTuple):
     least : (k,) float array
         The signed distance that is demanded, in mesh units.
     key : (k, 3) int array
-        What tells demands of one frame and obstacle apart.
+        Distinguishes demands of one frame and obstacle.
     """
 
     frame: np.ndarray

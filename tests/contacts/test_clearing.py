@@ -4,8 +4,11 @@ import pytest
 from nilbs.characters.motion import Motion
 from nilbs.contacts.blending import smallest_blend
 from nilbs.contacts.clearing import REACH, SMOOTH, clear_motion, roughness, windows_near
+from nilbs.contacts.demands import Finders
 from nilbs.contacts.joint_changes import JointChanges
 from nilbs.contacts.least_change import least_change, smoothing_inverse
+from nilbs.contacts.obstacles import joined
+from nilbs.contacts.pairs import Contacts
 from nilbs.contacts.self_contacts import SelfContactFinder
 from nilbs.geometry.kinematics import forward_kinematics
 from nilbs.geometry.rotations import rotation_matrices, rotation_vectors
@@ -112,6 +115,19 @@ def test_motions_and_models_that_do_not_fit_are_refused(capsules) -> None:
         clear_motion(model, Motion(model.motion.B, np.arange(len(model.motion)), "without a skeleton"))
     with pytest.raises(ValueError, match="another dimension"):
         clear_motion(model, model.motion, against=[capsules[3]])
+
+
+def test_places_of_a_facet_and_of_two_bodies_are_demands_of_their_own(capsules) -> None:
+    model = capsules[3]
+    finders = Finders(model, model.motion, [model, model], 0.0, None, SelfContactFinder(model, samples=100))
+    # Places whose coordinates have one sum if they are weighted by 1, 2 and 3.
+    barycentric = np.array([[0.5, 0.0, 0.5], [0.0, 1.0, 0.0]])
+    x, zero = np.array([[0.0, 0, 0], [0.1, 0, 0]]), np.zeros(2, dtype=np.int64)
+    for of_b in (False, True):
+        pair = Contacts(x, x, np.ones(2), x, np.full(2, of_b), zero, barycentric, zero, barycentric)
+        sets = [demands for k in (0, 1) for demands in finders._of_pair(0, k, pair)]
+        assert len(joined(sets).frame) == 4
+        assert len(joined([*sets, *sets]).frame) == 4
 
 
 @pytest.mark.parametrize("d", [2, 3])
