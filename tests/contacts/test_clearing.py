@@ -120,14 +120,14 @@ def test_motions_and_models_that_do_not_fit_are_refused(capsules) -> None:
 def test_places_of_a_facet_and_of_two_bodies_are_demands_of_their_own(capsules) -> None:
     model = capsules[3]
     finders = Finders(model, model.motion, [model, model], 0.0, None, SelfContactFinder(model, samples=100))
-    # Places whose coordinates have one sum if they are weighted by 1, 2 and 3.
-    barycentric = np.array([[0.5, 0.0, 0.5], [0.0, 1.0, 0.0]])
-    x, zero = np.array([[0.0, 0, 0], [0.1, 0, 0]]), np.zeros(2, dtype=np.int64)
+    # Of the first two, coordinates weighted by 1, 2 and 3 have one sum; of the last two, the first two coordinates.
+    barycentric = np.array([[0.5, 0.0, 0.5], [0.0, 1.0, 0.0], [0.5, 0.25, 0.25], [0.25, 0.5, 0.25]])
+    x, zero = np.linspace([0.0, 0, 0], [0.3, 0, 0], 4), np.zeros(4, dtype=np.int64)
     for of_b in (False, True):
-        pair = Contacts(x, x, np.ones(2), x, np.full(2, of_b), zero, barycentric, zero, barycentric)
+        pair = Contacts(x, x, np.ones(4), x, np.full(4, of_b), zero, barycentric, zero, barycentric)
         sets = [demands for k in (0, 1) for demands in finders._of_pair(0, k, pair)]
-        assert len(joined(sets).frame) == 4
-        assert len(joined([*sets, *sets]).frame) == 4
+        assert len(joined(sets).frame) == 8
+        assert len(joined([*sets, *sets]).frame) == 8
 
 
 @pytest.mark.parametrize("d", [2, 3])
