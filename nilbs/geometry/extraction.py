@@ -78,7 +78,7 @@ def node_levels(
     levels[...] = level[nodes]
     near = _any_corner(level < 0) & _any_corner(level >= 0)
     if distance is None:
-        # Loading this takes longer than solving the weights of a small mesh.
+        # Loading this takes some 0.3 s, and most meshes need no wrap.
         from scipy.ndimage import binary_dilation
 
         near = binary_dilation(near, np.ones((3,) * near.ndim))
